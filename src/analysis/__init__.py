@@ -1,0 +1,26 @@
+"""Surfaces fitted to laser-scan points: the papers' methods as printed, and beside them what is right.
+
+    >>> import analysis
+    >>> sorted(analysis.SPHERE_METHODS)
+    ['igg3_wtls', 'ls', 'mixed_ls_tls', 'tls', 'wtls']
+"""
+
+from .fit import ConvergenceWarning, Fit
+from .methods import SPHERE_METHODS, fit_sphere
+from .points import read_points
+from .sphere import SphereFit
+from .wtls import Estimate, ls, mixed_ls_tls, tls, wtls
+
+__all__ = [
+    "SPHERE_METHODS",
+    "ConvergenceWarning",
+    "Estimate",
+    "Fit",
+    "SphereFit",
+    "fit_sphere",
+    "ls",
+    "mixed_ls_tls",
+    "read_points",
+    "tls",
+    "wtls",
+]

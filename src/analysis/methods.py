@@ -1,0 +1,97 @@
+"""The named methods, and ``fit_sphere``, which runs them. Tables and figures iterate over them.
+
+A new method is one function in its geometry's file and one line here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import sphere
+from .fit import joined, warn_if_not_converged
+from .validation import BLOCK, one_of, pieces, point_array, weight_array
+
+# Where the number of iterations varies much from cloud to cloud, more of them together: the slowest then
+# run alone for a smaller part of the time.
+LONG_BLOCK = 4 * BLOCK
+OU_LIU = "Ou & Liu 2017, doi:10.7510/jgjs.issn.1001-3806.2017.05.026"
+
+
+@dataclass(frozen=True)
+class Method:
+    """A named method: what tables call it, who described it, the colour it has in every figure, what computes it.
+
+    Clouds of a stack are solved together as many as make ``block`` points, so that what one step
+    needs stays in the processor's cache.
+    """
+
+    label: str
+    citation: str
+    colour: str
+    function: Callable
+    block: int = BLOCK
+
+
+# Colours: Okabe & Ito's eight, which colour-blind readers can tell apart.
+SPHERE_METHODS: dict[str, Method] = {
+    "ls": Method("LS", "Kåsa 1976; " + OU_LIU, "#0072B2", sphere.ls),
+    "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + OU_LIU, "#D55E00", sphere.tls),
+    "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", sphere.mixed_ls_tls),
+    "wtls": Method("WTLS", "Schaffrin & Wieser 2008; " + OU_LIU, "#E69F00", sphere.wtls),
+    "igg3_wtls": Method("IGG III-WTLS", OU_LIU, "#009E73", sphere.igg3_wtls, LONG_BLOCK),
+}
+
+
+def fit_sphere(points, method: str = "igg3_wtls", *, weights=None, cofactors=None, **method_options) -> sphere.SphereFit:
+    """Fit a sphere to each cloud of a stack.
+
+    Parameters
+    ----------
+    points : (n, 3) or (…, n, 3) coordinates in m, n ≥ 4. Not changed.
+    method : a name from ``SPHERE_METHODS``.
+    weights : (n,) or (…, n) positive a-priori weights, or None for ones.
+    cofactors : (n,) or (…, n) variances of the points (each the same in x, y, z), the inverse of weights.
+    method_options : keywords of the method, ``analysis.sphere.<method>``.
+
+    Returns
+    -------
+    SphereFit, its fields with the leading axes of ``points``: ``center`` (…, 3) and ``radius`` (…) in m,
+    ``covariance`` (…, 4, 4) of (a, b, c, r), ``distances`` (…, n) in m, ``weights``, ``inliers``, σ0, σs and how
+    the iteration ended.
+
+    Raises ``ValueError`` for wrong shapes, NaN or infinity, fewer than four points, points in a plane or on
+    a circle, non-positive weights, an unknown method or option value. A fit that did not converge comes
+    back with ``converged`` False, a ``stop_reason`` and a ``ConvergenceWarning``.
+
+    >>> directions = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])
+    >>> fit = fit_sphere([10, 10, 1] + 2 * directions, "ls")
+    >>> fit.center.round(9), round(float(fit.radius), 9)
+    (array([10., 10.,  1.]), 2.0)
+    """
+    chosen = SPHERE_METHODS[one_of(method, SPHERE_METHODS, "method")]
+    points = point_array(points, 3, 4, "a sphere")
+    lead, n = points.shape[:-2], points.shape[-2]
+    weights = _a_priori_weights(weights, cofactors, lead + (n,))
+    flat = points.reshape((-1, n, 3))
+    fits = []
+    for part in pieces(len(flat), max(1, chosen.block // n)):
+        cloud = sphere.reduce(flat[part], None if weights is None else weights[part])
+        fits.append(chosen.function(cloud, **method_options))
+    fit = joined(fits, lead)
+    warn_if_not_converged(fit)
+    return fit
+
+
+def _a_priori_weights(weights, cofactors, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Weights over cofactors as (B, n), or None when neither is given."""
+    if weights is None and cofactors is None:
+        return None
+    product = np.ones(shape)
+    if weights is not None:
+        product *= weight_array(weights, shape)
+    if cofactors is not None:
+        product /= weight_array(cofactors, shape, "cofactors")
+    return product.reshape((-1, shape[-1]))

@@ -1,0 +1,445 @@
+"""The sphere ``|p − k|² = r²`` as a linear errors-in-variables problem, and the methods that solve it.
+
+    Y_i = w_i = |p_i|²,   A_i = (2x_i, 2y_i, 2z_i, 1),   X = (a, b, c, δ),   δ = r² − |k|²
+                                                                    (Ou & Liu 2017, eqs. 1-2)
+
+Everything is solved in coordinates ``D = (p − origin)/length``, origin the centroid: the rows
+``(2D, 1, |D|²)`` are the printed rows times a known matrix (:func:`_change_of_frame`), so the
+printed weights, which depend on the printed origin, are carried over exactly and only the
+rounding error of large coordinates is lost. Pure TLS alone must see the printed numbers.
+
+The algebraic residual is ``r_i = w_i − A_i X = |p_i − k|² − r² = d_i (2r + d_i)`` with d the
+orthogonal distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .accuracy import cofactor_from_factor, propagate, rms, solve, unit_weight_sd
+from .eiv import CommonCofactors, EIVProblem
+from .fit import Fit, Iteration
+from .validation import BLOCK, one_of, pieces, positive
+from .weights import IGG3
+from .wtls import (
+    Iterated,
+    gauss_newton_cofactor,
+    iterate,
+    misclosures,
+    objective,
+    schaffrin_wieser_step,
+    smallest_singular_solution,
+    triangular_factor,
+)
+
+PARAMETERS = 4
+CLOSED_FORM = "solved in closed form"
+MAD_TO_SD = 1.482602218505602  # 1/Φ⁻¹(3/4): the median absolute deviation of a normal variable as a standard deviation
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SphereFit(Fit):
+    """A fitted sphere; ``parameters`` are (a, b, c, r) in m."""
+
+    NAMES = ("a", "b", "c", "r")
+
+    @property
+    def center(self) -> np.ndarray:
+        """(…, 3) in m."""
+        return self.parameters[..., :3]
+
+    @property
+    def radius(self):
+        """(…) in m; NaN where the method found no real sphere."""
+        return self.parameters[..., 3]
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """A stack of clouds with what every method needs of them first.
+
+    points : (B, n, 3) as given, in m
+    weights : (B, n) a-priori weights, or None for ones
+    origin : (B, 3) centroid; length : (B,) a power of two near the RMS extent, so that dividing by it is exact
+    factor : (B, 5, 5) triangular factor of the weighted rows ``(2D, 1, |D|²)``
+    """
+
+    points: np.ndarray
+    weights: np.ndarray | None
+    origin: np.ndarray
+    length: np.ndarray
+    factor: np.ndarray
+
+    @property
+    def count(self) -> int:
+        return self.points.shape[-2]
+
+    def least_squares(self) -> np.ndarray:
+        """(B, 4): minimises ``Σ P r²`` in the cloud's own frame."""
+        return solve(self.factor[..., :4, :4], self.factor[..., :4, 4:])[..., 0]
+
+    def rows(self) -> np.ndarray:
+        """(B, 5, n) rows ``(2D, 1, |D|²)``, one array a column."""
+        return _rows(self.points, self.origin, self.length)
+
+
+def reduce(points: np.ndarray, weights: np.ndarray | None) -> Cloud:
+    """Centre, scale and factorise a stack ``(B, n, 3)``.
+
+    Raises ``ValueError`` when the points of a cloud lie in a plane (so also on a circle, on a line
+    or in one place) as far as their coordinates can tell: no sphere, or no single one, fits best.
+    """
+    n = points.shape[-2]
+    origin = points.mean(axis=-2)
+    squares = np.zeros(len(points))
+    for piece in _pieces(points):
+        D = points[:, piece] - origin[:, None, :]
+        squares += np.einsum("bni,bni->b", D, D)
+    length = np.exp2(np.round(0.5 * np.log2(np.maximum(squares / n, np.finfo(float).tiny))))
+    cloud = Cloud(points, weights, origin, length, _factor(points, weights, origin, length))
+    _require_a_sphere(cloud)
+    return cloud
+
+
+def _pieces(points: np.ndarray) -> list[slice]:
+    """Pieces of the point axis such that all clouds of a stack together fill a block."""
+    return pieces(points.shape[-2], max(1, BLOCK // len(points)))
+
+
+def _factor(points: np.ndarray, weights: np.ndarray | None, origin: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """(B, 5, 5) triangular factor of the rows ``√P (2D, 1, |D|²)``."""
+
+    def blocks():
+        for piece in _pieces(points):
+            rows = _rows(points[:, piece], origin, length)
+            if weights is not None:
+                rows *= np.sqrt(weights[:, None, piece])
+            yield rows.swapaxes(-1, -2)
+
+    return triangular_factor(blocks())
+
+
+def _rows(points: np.ndarray, origin: np.ndarray, length: np.ndarray) -> np.ndarray:
+    rows = np.empty((len(points), 5, points.shape[-2]))
+    D = rows[:, :3]
+    np.subtract(points.swapaxes(-1, -2), origin[..., None], out=D)
+    D /= length[:, None, None]
+    np.einsum("bin,bin->bn", D, D, out=rows[:, 4])
+    D *= 2.0
+    rows[:, 3] = 1.0
+    return rows
+
+
+def _require_a_sphere(cloud: Cloud) -> None:
+    """The extents of the cloud along its principal axes must all stand out from the rounding of the coordinates."""
+    centred = np.linalg.qr(cloud.factor[..., [3, 0, 1, 2]], mode="r")[..., 1:, 1:]
+    extents = np.linalg.svd(centred, compute_uv=False) * (0.5 * cloud.length[:, None])
+    largest = np.abs(cloud.points).max(axis=(-1, -2))
+    weight = 1.0 if cloud.weights is None else np.sqrt(cloud.weights.max(axis=-1))
+    rounding = 16 * np.sqrt(cloud.count) * np.finfo(float).eps * largest * weight
+    flat = extents[:, 2] <= np.maximum(rounding, 1e-8 * extents[:, 0])
+    if flat.any():
+        first = int(np.flatnonzero(flat)[0])
+        rank = int(np.count_nonzero(extents[first] > max(np.broadcast_to(rounding, flat.shape)[first], 1e-8 * extents[first, 0])))
+        shape = ("all at one place", "on one line", "in one plane (or on one circle)")[rank]
+        where = "" if len(flat) == 1 else f" in cloud {first} of the stack"
+        raise ValueError(f"points: expected points that determine a sphere, got points {shape}{where}")
+
+
+def _change_of_frame(cloud: Cloud) -> np.ndarray:
+    """(B, 5, 5) matrix L with ``(2D, 1, |D|²) = L (2p, 1, |p|²)``."""
+    m, length = cloud.origin, cloud.length[:, None]
+    L = np.zeros((len(m), 5, 5))
+    L[:, [0, 1, 2], [0, 1, 2]] = 1.0 / length
+    L[:, :3, 3] = -2.0 * m / length
+    L[:, 3, 3] = 1.0
+    L[:, 4, :3] = -m / length**2
+    L[:, 4, 3] = np.sum(m * m, axis=-1) / cloud.length**2
+    L[:, 4, 4] = 1.0 / cloud.length**2
+    return L
+
+
+def _common_cofactors(cloud: Cloud, printed: list[float]) -> np.ndarray:
+    """The common cofactor ``diag(printed)`` of the printed rows (2p, 1, |p|²), in the cloud's frame."""
+    L = _change_of_frame(cloud)
+    return (L * np.array(printed)) @ L.swapaxes(-1, -2)
+
+
+# --------------------------------------------------------------------------------- the methods
+
+
+def ls(cloud: Cloud) -> SphereFit:
+    """Algebraic least squares, ``min Σ P r²`` (Kåsa): errors in w alone.
+
+    σ0 = √(ΣPr²/(n − 4)) in m². Source: Ou & Liu 2017, section 1.4 step 1.
+    """
+    x = cloud.least_squares()
+    cofactor = cofactor_from_factor(cloud.factor[..., :4, :4])
+    return _fit(cloud, "ls", x, cofactor / cloud.length[:, None, None] ** 4, _algebraic_sd(cloud, x))
+
+
+def tls(cloud: Cloud) -> SphereFit:
+    """Pure total least squares by SVD of ``[2p, 1 | w]``, ``min Σ r²/(1 + |X|²)``, as the paper uses it.
+
+    The constant column is taken as noisy and the result depends on the coordinate origin and on the
+    unit of length; large coordinates lose it altogether. σ0 = √(Σr²/(n − 4)) in m², as printed.
+    Source: Ou & Liu 2017, tables 1-3.
+    """
+    printed = _factor(cloud.points, cloud.weights, np.zeros_like(cloud.origin), np.ones_like(cloud.length))
+    X, _ = smallest_singular_solution(printed)
+    k = (X[..., :3] - cloud.origin) / cloud.length[:, None]
+    squared_radius = (X[..., 3] + np.sum(X[..., :3] ** 2, axis=-1)) / cloud.length**2
+    x = np.concatenate([k, (squared_radius - np.sum(k * k, axis=-1))[..., None]], axis=-1)
+    return _common_fit(cloud, "tls", x, [1, 1, 1, 1, 1])
+
+
+def mixed_ls_tls(cloud: Cloud) -> SphereFit:
+    """Mixed LS-TLS, ``min Σ r²/(1 + |k|²)``: equal independent errors in 2p and w, the column of ones exact.
+
+    All rows have one cofactor, so the five rows of the triangular factor stand for the n points.
+    σ0 = √(Σr²/(n − 4)) in m². Source: Van Huffel & Vandewalle 1991, section 3.6.
+    """
+    problem = _compressed(cloud, [1, 1, 1, 0, 1])
+    ended = iterate(problem, cloud.least_squares(), schaffrin_wieser_step, 1e-15, 100)
+    return _common_fit(cloud, "mixed_ls_tls", ended.x, [1, 1, 1, 0, 1], ended)
+
+
+def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, max_iterations: int = 200) -> SphereFit:
+    """Weighted total least squares with the printed cofactors, no robust weights, to convergence.
+
+    ``Q_A = diag(1,1,1,0) ⊗ Q_X``, ``Q_Y = w Q_X``, ``Q_X = 1/P_X``; errors of w and p taken as independent,
+    which makes the weights depend on the coordinate origin. σ0 = √(Φ/(n − 4)) in m is the standard
+    deviation of 2x at P_X = 1.
+
+    unit_weight : P_X of every point (times its a-priori weight); it scales σ0 and nothing else.
+
+    Source: Ou & Liu 2017, eqs. (8)-(12), (16)-(18); Schaffrin & Wieser 2008.
+    """
+    problem = _printed_problem(cloud, positive(unit_weight, "unit_weight"))
+    ended = iterate(problem, cloud.least_squares(), schaffrin_wieser_step, positive(tolerance, "tolerance"), max_iterations)
+    sigma_0 = unit_weight_sd(objective(problem, ended.x), cloud.count - PARAMETERS)
+    return _fit(cloud, "wtls", ended.x, gauss_newton_cofactor(problem, ended.x), sigma_0, ended)
+
+
+def igg3_wtls(
+    cloud: Cloud,
+    *,
+    scale: str = "rms",
+    power: int = 1,
+    cumulative: bool = True,
+    unit_weight: float = 1.0,
+    k0: float = 1.5,
+    k1: float = 2.5,
+    tolerance: float = 1e-6,
+    start: str = "Q_Y",
+    max_iterations: int = 1000,
+    history: bool = False,
+) -> SphereFit:
+    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in more than one way.
+
+    One Schaffrin-Wieser step with the current weights, distances from the new sphere, weight factors
+    ω(|d|/σ), new weights; until the step in X = (a, b, c, δ) is below ``tolerance``. The defaults are the
+    literal reading.
+
+    scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term), ``rms_in`` of the
+        points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made consistent at the normal law, ``mad``
+        the median absolute distance (times 1.4826 n/(n − 4)), ``unit`` the unit-weight standard deviation
+    power : 1 as printed in eq. (13), 2 the usual IGG III
+    cumulative : True as printed in step 6, P ← P·ω; False the text of section 1.3, P = P_base·ω
+    unit_weight : P_X of the first iteration, which the paper does not give
+    k0, k1 : thresholds of eq. (13), ``0 < k0 < k1``
+    start : weights of the first solution, ``Q_Y`` as printed in eq. (15) or ``P_Y``, its inverse
+    history : keep every iteration (one cloud only)
+
+    σ0 = √(λᵀ(Y − AX)/(n − 4)) in m over all n points, rejected ones included, as printed; the covariance is
+    that of weighted least squares with the final weights, which is what the paper's theory offers and is
+    too optimistic, since the weights come from the same residuals.
+
+    Source: Ou & Liu 2017, eqs. (11)-(18).
+    """
+    function = IGG3(positive(k0, "k0"), positive(k1, "k1"), power)
+    estimate_scale = SCALES[one_of(scale, SCALES, "scale")]
+    tolerance = positive(tolerance, "tolerance")
+    base = positive(unit_weight, "unit_weight")
+    one_of(start, ("Q_Y", "P_Y"), "start")
+    if history and len(cloud.points) > 1:
+        raise ValueError(f"history: expected a single cloud, got a stack of {len(cloud.points)}")
+
+    whole = problem = _printed_problem(cloud, base)
+    # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
+    initial = problem.cofactors.h if start == "Q_Y" else 1.0 / problem.cofactors.h
+    x = _weighted_solution(problem, initial)
+    x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
+
+    count, n = cloud.points.shape[:2]
+    solution = x.copy()
+    weights = np.ones((count, n))
+    iterations = np.full(count, max_iterations)
+    converged = np.zeros(count, dtype=bool)
+    reason = np.full(count, f"not converged: the step in X was still above {tolerance:g} after {max_iterations} iterations", dtype=object)
+    active, current, length, origin = np.arange(count), weights.copy(), cloud.length, cloud.origin
+    known = misclosures(problem, x)
+    kept = []
+    for iteration in range(1, max_iterations + 1):
+        new = schaffrin_wieser_step(problem, x, current, known)
+        known = misclosures(problem, new)
+        distances = _scaled_distances(known[1], new)
+        dk = (new - x)[:, :3] * length[:, None]
+        ddelta = (new - x)[:, 3] * length**2 - 2.0 * np.sum(origin * dk, axis=-1)
+        moved = np.sqrt(np.sum(dk * dk, axis=-1) + ddelta**2)
+        sigma = estimate_scale(problem, new, distances, current, function, length)
+        factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
+        lost = ~np.isfinite(moved + sigma)
+        stopped = lost | (moved < tolerance)
+        solution[active] = np.where(lost[:, None], x, new)
+        weights[active] = current
+        if history:
+            kept.append(Iteration(_geometry(origin, length, new)[0][0], sigma[0] * length[0], current[0]))
+        if stopped.any():
+            ended = active[stopped]
+            iterations[ended] = iteration
+            converged[ended] = ~lost[stopped]
+            reason[ended] = np.where(
+                lost[stopped],
+                "not converged: too few points kept a weight to determine a sphere",
+                f"the step in X = (a, b, c, δ) fell below {tolerance:g}",
+            )
+            keep = ~stopped
+            active = active[keep]
+            if not len(active):
+                break
+            problem, new, current, factors = problem[keep], new[keep], current[keep], factors[keep]
+            length, origin, known = length[keep], origin[keep], (known[0][keep], known[1][keep])
+        x = new
+        current = current * factors if cumulative else factors
+
+    sigma_0 = unit_weight_sd(objective(whole, solution, weights), n - PARAMETERS)
+    cofactor = gauss_newton_cofactor(whole, solution, weights)
+    ended = Iterated(solution, iterations, converged, reason)
+    return _fit(cloud, "igg3_wtls", solution, cofactor, sigma_0, ended, weights, tuple(kept))
+
+
+# ------------------------------------------------------------------------- what the methods share
+
+
+def _printed_problem(cloud: Cloud, unit_weight: float) -> EIVProblem:
+    """The printed problem of eqs. (8)-(12): Q_X = 1/P_X for the three columns 2p, Q_Y = w Q_X, nothing in common."""
+    Q_X = np.full((len(cloud.points), 1), 1.0) if cloud.weights is None else 1.0 / cloud.weights
+    Q_X = Q_X / unit_weight
+    w = np.einsum("bni,bni->bn", cloud.points, cloud.points)
+    # Q_Y = w Q_X is zero for a point in the origin of the coordinates; its weight 1/Q_Y is asked for at the start only.
+    Q_Y = np.maximum(w, np.finfo(float).tiny) * Q_X / cloud.length[:, None] ** 4
+    return EIVProblem(cloud.rows(), CommonCofactors(_common_cofactors(cloud, [1, 1, 1, 0, 0]), Q_X, Q_Y))
+
+
+def _compressed(cloud: Cloud, printed: list[float]) -> EIVProblem:
+    """The problem in which all rows have the cofactor ``diag(printed)``: its triangular factor stands for its rows."""
+    ones = np.ones((len(cloud.points), 1))
+    return EIVProblem(cloud.factor.swapaxes(-1, -2), CommonCofactors(_common_cofactors(cloud, printed), ones, 0.0 * ones))
+
+
+def _weighted_solution(problem: EIVProblem, weights: np.ndarray) -> np.ndarray:
+    """``(AᵀPA)⁻¹AᵀPY``, (B, 4)."""
+    N = (problem.rows[:, :4] * weights[:, None, :]) @ problem.rows.swapaxes(-1, -2)
+    return solve(N[..., :4], N[..., 4:])[..., 0]
+
+
+def _algebraic_sd(cloud: Cloud, x: np.ndarray) -> np.ndarray:
+    """``√(Σ P r²/(n − 4))`` in m²."""
+    _, r = misclosures(EIVProblem(cloud.factor.swapaxes(-1, -2), None), x)
+    return cloud.length**2 * unit_weight_sd(np.sum(r * r, axis=-1), cloud.count - PARAMETERS)
+
+
+def _scaled_distances(r: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Signed distances in units of the cloud's length, from ``|p − k|² = r + R²``; NaN without a real sphere."""
+    squared_radius = x[:, 3] + np.einsum("bi,bi->b", x[:, :3], x[:, :3])
+    squared_radius = np.where(squared_radius > 0, squared_radius, np.nan)[:, None]
+    distances = r + squared_radius
+    np.maximum(distances, 0.0, out=distances)
+    np.sqrt(distances, out=distances)
+    distances -= np.sqrt(squared_radius)
+    return distances
+
+
+def _rms_of_all(problem, x, distances, weights, function, length):
+    return rms(distances)
+
+
+def _rms_in_use(problem, x, distances, weights, function, length):
+    return rms(distances, where=weights > 0)
+
+
+def _rms_weighted(problem, x, distances, weights, function, length):
+    return np.sqrt(np.sum(weights * distances**2, axis=-1) / np.sum(weights, axis=-1))
+
+
+def _rms_weighted_consistent(problem, x, distances, weights, function, length):
+    return _rms_weighted(problem, x, distances, weights, function, length) / np.sqrt(function.consistency_factor)
+
+
+def _mad(problem, x, distances, weights, function, length):
+    n = distances.shape[-1]
+    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(n - PARAMETERS, 1)
+
+
+def _unit_weight(problem, x, distances, weights, function, length):
+    return unit_weight_sd(objective(problem, x, weights), distances.shape[-1] - PARAMETERS) / length
+
+
+SCALES = {
+    "rms": _rms_of_all,
+    "rms_in": _rms_in_use,
+    "rms_w": _rms_weighted,
+    "rms_wc": _rms_weighted_consistent,
+    "mad": _mad,
+    "unit": _unit_weight,
+}
+
+
+def _geometry(origin: np.ndarray, length: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters (a, b, c, r) in m and their Jacobian with respect to x = (k, δ) of the cloud's frame, (B, 4, 4)."""
+    squared_radius = x[:, 3] + np.sum(x[:, :3] ** 2, axis=-1)
+    radius = np.sqrt(np.where(squared_radius > 0, squared_radius, np.nan))
+    scale = length[:, None]
+    parameters = np.concatenate([origin + scale * x[:, :3], scale * radius[:, None]], axis=-1)
+    J = np.zeros(x.shape[:1] + (4, 4))
+    J[:, [0, 1, 2], [0, 1, 2]] = scale
+    J[:, 3, :3] = scale * x[:, :3] / radius[:, None]
+    J[:, 3, 3] = 0.5 * length / radius
+    return parameters, J
+
+
+def _common_fit(cloud: Cloud, method: str, x: np.ndarray, printed: list[float], ended: Iterated | None = None) -> SphereFit:
+    """A fit whose rows all have the cofactor ``diag(printed)``, with σ0 as the algebraic residual."""
+    problem = _compressed(cloud, printed)
+    z, _ = misclosures(problem, x)
+    s = problem.cofactors.misclosure(z)[:, 0]
+    cofactor = gauss_newton_cofactor(problem, x) / (s * cloud.length**4)[:, None, None]
+    return _fit(cloud, method, x, cofactor, _algebraic_sd(cloud, x), ended)
+
+
+def _fit(cloud, method, x, cofactor, sigma_0, ended: Iterated | None = None, weights=None, history=()) -> SphereFit:
+    """The result in m from x and its cofactor in the cloud's frame."""
+    parameters, J = _geometry(cloud.origin, cloud.length, x)
+    distances = np.empty(cloud.points.shape[:2])
+    for piece in _pieces(cloud.points):
+        D = cloud.points[:, piece] - parameters[:, None, :3]
+        distances[:, piece] = np.sqrt(np.einsum("bni,bni->bn", D, D)) - parameters[:, None, 3]
+    count = len(x)
+    if ended is None:
+        ended = Iterated(x, np.zeros(count, dtype=int), np.ones(count, dtype=bool), np.full(count, CLOSED_FORM, dtype=object))
+    imaginary = np.isnan(parameters[:, 3]) & ended.converged
+    return SphereFit(
+        method=method,
+        parameters=parameters,
+        cofactor=propagate(cofactor, J),
+        sigma_0=sigma_0,
+        distances=distances,
+        weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,
+        iterations=ended.iterations,
+        converged=ended.converged & ~imaginary,
+        stop_reason=np.where(imaginary, "no real sphere: the squared radius δ + |k|² came out negative", ended.stop_reason),
+        history=history,
+    )

@@ -1,0 +1,94 @@
+"""What every fit asks of its input, with errors that name what was expected and what came."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Arrays are walked through in pieces of about this many points: the handful of temporaries a
+# piece needs then stays in the processor's cache, and the memory in use does not grow with n.
+BLOCK = 16_384
+
+
+def pieces(count: int, size: int = BLOCK) -> list[slice]:
+    """Consecutive slices of at most ``size`` that cover ``range(count)``.
+
+    >>> pieces(5, 2)
+    [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]
+    """
+    return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def real_array(values, name: str) -> np.ndarray:
+    """``values`` as float64, without a copy where it is float64 already.
+
+    Raises ``ValueError`` for what is not a real number: text, complex numbers, ragged lists.
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind in "iuf":
+            return array.astype(np.float64, copy=False)
+        if array.dtype.kind == "O":
+            return array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: expected an array of real numbers, got {type(values).__name__} ({error})") from None
+    raise ValueError(f"{name}: expected an array of real numbers, got dtype {array.dtype}")
+
+
+def finite_array(values, name: str) -> np.ndarray:
+    """A :func:`real_array` without NaN or infinity."""
+    array = real_array(values, name)
+    flat = array.reshape(-1)
+    bad = sum(np.count_nonzero(~np.isfinite(flat[piece])) for piece in pieces(flat.size))
+    if bad:
+        raise ValueError(f"{name}: expected finite numbers, got {bad} NaN or infinite of {array.size}")
+    return array
+
+
+def point_array(points, dimension: int, minimum: int, needed_for: str) -> np.ndarray:
+    """Points of shape ``(…, n, dimension)``, float64, finite, with ``n >= minimum``."""
+    array = real_array(points, "points")
+    if array.ndim < 2 or array.shape[-1] != dimension:
+        raise ValueError(f"points: expected shape (…, n, {dimension}), got {array.shape}")
+    if array.shape[-2] < minimum:
+        raise ValueError(f"points: expected at least {minimum} points for {needed_for}, got {array.shape[-2]} (shape {array.shape})")
+    if array.size == 0:
+        raise ValueError(f"points: expected at least one cloud, got an empty stack of shape {array.shape}")
+    return finite_array(array, "points")
+
+
+def weight_array(weights, shape: tuple[int, ...], name: str = "weights") -> np.ndarray:
+    """Positive ``weights`` that broadcast to ``shape`` = ``(…, n)``."""
+    array = finite_array(weights, name)
+    if array.ndim == 0 or array.shape[-1] != shape[-1]:
+        raise ValueError(f"{name}: expected shape {shape} or ({shape[-1]},), got {array.shape}")
+    try:
+        array = np.broadcast_to(array, shape)
+    except ValueError:
+        raise ValueError(f"{name}: expected shape {shape} or ({shape[-1]},), got {array.shape}") from None
+    if not (array > 0).all():
+        raise ValueError(f"{name}: expected positive numbers, got a smallest value of {array.min():g}")
+    return array
+
+
+def positive(value, name: str) -> float:
+    """``value`` as a positive finite float.
+
+    >>> positive(0, "k0")
+    Traceback (most recent call last):
+        ...
+    ValueError: k0: expected a positive finite number, got 0
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not 0 < number < float("inf"):
+        raise ValueError(f"{name}: expected a positive finite number, got {value!r}")
+    return number
+
+
+def one_of(value, known, name: str):
+    """``value`` if it is among ``known``, else an error that lists them."""
+    if value not in known:
+        raise ValueError(f"{name}: expected one of {', '.join(map(str, known))}; got {value!r}")
+    return value
