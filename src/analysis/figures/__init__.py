@@ -1,0 +1,64 @@
+"""Figures: one look for all, one way to publish, one file for the figures of each notebook.
+
+The only importer of matplotlib. A figure answers the question its title states; what it shows is
+exported beside it as a table of the same name, which tests compare.
+"""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import pandas as pd
+from matplotlib import pyplot
+
+from .. import tables
+from ..paths import FIGURES, RESULTS, output, replacing
+
+COLUMN = 3.5  # inches, the width of a journal's column
+PAGE = 7.2  # inches, the width of its page
+
+# Okabe & Ito's colours for what is not a method; methods have theirs in methods.py.
+TRUTH = "#000000"
+GROSS = "#D55E00"
+GREY = "#8C8C8C"
+
+STYLE = {
+    "font.size": 8.5,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E3E3E3",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "figure.dpi": 110,
+    "savefig.dpi": 200,
+    # What would make a figure differ from run to run: element names in SVG files and dates.
+    "svg.hashsalt": "analysis",
+    "svg.fonttype": "path",
+}
+UNDATED = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
+
+
+def new(rows: int = 1, columns: int = 1, *, width: float = PAGE, height: float = 3.0, **options):
+    """A figure and its axes in the project's style, ``height`` and ``width`` in inches; options as ``pyplot.subplots``."""
+    with mpl.rc_context(STYLE):
+        return pyplot.subplots(rows, columns, figsize=(width, height), layout="constrained", **options)
+
+
+def publish(figure, stem: str, data: pd.DataFrame) -> None:
+    """Write ``figures/<stem>.png`` and ``.svg`` and what they show as ``data/results/<stem>.csv``.
+
+    The stem begins with the name of the notebook. The figure stays open: a notebook shows it
+    at the end of the cell.
+    """
+    with mpl.rc_context(STYLE):
+        for kind, undated in UNDATED.items():
+            with replacing(output(FIGURES / f"{stem}.{kind}")) as temporary:
+                figure.savefig(temporary, format=kind, metadata=undated)
+    tables.write(data, RESULTS / f"{stem}.csv")

@@ -1,0 +1,63 @@
+"""
+The generated sections of the README.
+
+``python -m analysis.project.readme [--check | --show NAME]``
+
+A section stands between ``<!-- begin generated: NAME -->`` and ``<!-- end generated: NAME -->``; its text comes from the function of that
+name in `SECTIONS`, so no number in the README is typed by hand.
+"""
+
+import argparse
+import re
+import sys
+
+from analysis import paths
+
+README = paths.ROOT / "README.md"
+
+SECTIONS = {}
+"""Section name -> function without arguments that returns its Markdown. The table `make reproduce` shows at the end is "headline"."""
+
+PATTERN = re.compile(r"(<!-- begin generated: (?P<name>[\w-]+) -->\n).*?(<!-- end generated: (?P=name) -->)", re.DOTALL)
+
+
+def generate(text, sections):
+    """
+    The text with every generated section renewed.
+
+    Raises ValueError when the text has a section, complete or not, without a function or a function has no section.
+    """
+    begun = re.findall(r"<!-- begin generated: ([\w-]+) -->", text)
+    complete = [match["name"] for match in PATTERN.finditer(text)]
+    if sorted(begun) != sorted(complete):
+        raise ValueError(f"a generated section without its end line: begun {begun}, complete {complete}")
+    if sorted(complete) != sorted(sections):
+        raise ValueError(f"generated sections of the text: {sorted(complete)}; with a function: {sorted(sections)}")
+    return PATTERN.sub(lambda match: f"{match[1]}\n{sections[match['name']]().strip()}\n\n{match[3]}", text)
+
+
+def main(arguments=None, readme=README, sections=SECTIONS):
+    """Command line; with --check the exit status is 1 when a section is stale."""
+    parser = argparse.ArgumentParser(prog="python -m analysis.project.readme", description="Renew the generated sections of README.md.")
+    choice = parser.add_mutually_exclusive_group()
+    choice.add_argument("--check", action="store_true", help="only tell whether they are up to date")
+    choice.add_argument("--show", metavar="NAME", choices=sorted(sections), help="print one section instead")
+    options = parser.parse_args(arguments)
+    if options.show:
+        print(sections[options.show]())
+        return 0
+    old = readme.read_text(encoding="utf-8")
+    new = generate(old, sections)
+    if new == old:
+        return 0
+    if options.check:
+        print(f"{readme.name} is stale: `make readme` renews it.", file=sys.stderr)
+        return 1
+    with paths.replacing(readme) as part:
+        part.write_text(new, encoding="utf-8", newline="\n")
+    print(f"{readme.name} renewed")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

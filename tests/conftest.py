@@ -1,0 +1,27 @@
+"""Keeps test runs out of the checkout, and notebook 04 out of runs without scans."""
+
+import os
+import shutil
+import tempfile
+
+import pytest
+
+from analysis.paths import OUTPUT_VARIABLE
+from analysis.project import scans
+
+
+def pytest_configure(config):
+    # Set here and not in a fixture: the kernels of the notebooks inherit it, and nbval's items have no fixtures.
+    os.environ[OUTPUT_VARIABLE] = tempfile.mkdtemp(prefix="analysis-")
+    if not config.option.nbval:
+        os.environ["MPLBACKEND"] = "Agg"  # in a notebook this would remove its figures
+
+
+def pytest_unconfigure(config):
+    shutil.rmtree(os.environ.pop(OUTPUT_VARIABLE), ignore_errors=True)
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.path.suffix == ".ipynb" and (reason := scans.skip_reason(item.path.stem)):
+            item.add_marker(pytest.mark.skip(reason=reason))

@@ -1,0 +1,131 @@
+"""The clouds are those of the paper: the sphere, the range, the rounding, the gross errors."""
+
+import numpy as np
+import pytest
+
+from analysis import simulate, tables
+from analysis.paths import output
+from analysis.simulate import GROSS_POINTS, SPHERE_CENTER, SPHERE_RADIUS
+
+ROWS = np.array(GROSS_POINTS) - 1
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return simulate.sphere_redraws(300)
+
+
+@pytest.fixture(scope="module")
+def gross():
+    return simulate.sphere_redraws(300, gross=True)
+
+
+def heights(points):
+    """Signed distances from the true sphere, m."""
+    return np.linalg.norm(points - SPHERE_CENTER, axis=-1) - SPHERE_RADIUS
+
+
+def test_the_sphere_is_that_of_equation_19():
+    assert SPHERE_CENTER == (10, 10, 1)
+    assert SPHERE_RADIUS**2 == pytest.approx(200)
+    assert GROSS_POINTS == (12, 15, 53, 67, 465)
+
+
+def test_points_lie_on_the_upper_cap_above_the_square(clean):
+    assert clean.shape == (300, 500, 3)
+    assert clean[..., :2].min() == 0.0 and clean[..., :2].max() == 20.0
+    assert clean[..., 2].min() >= 1.0
+    plan = clean[..., :2].reshape(-1, 2)
+    # Uniform in plan: mean 10, variance 20²/12, x and y independent; 150 000 points.
+    np.testing.assert_allclose(plan.mean(axis=0), 10.0, atol=0.06)
+    np.testing.assert_allclose(np.cov(plan.T), np.eye(2) * 400 / 12, atol=0.4)
+
+
+def test_without_rounding_the_points_are_on_the_sphere():
+    exact = simulate.sphere_cloud(np.random.default_rng(1), decimals=13)
+    np.testing.assert_allclose(heights(exact), 0.0, atol=1e-11)
+
+
+def test_rounding_is_the_only_noise(clean):
+    # Uniform ± 5 mm in every coordinate is 0.01 m / √12 = 2.887 mm in the radial direction.
+    assert np.sqrt(np.mean(heights(clean) ** 2)) == pytest.approx(0.01 / np.sqrt(12), rel=0.005)
+    assert np.abs(heights(clean)).max() <= 0.005 * np.sqrt(3) + 1e-12
+    np.testing.assert_array_equal(clean, np.round(clean, 2))
+
+
+def test_the_first_points_stay_when_the_cloud_grows():
+    few = simulate.sphere_cloud(np.random.default_rng(3), n=20)
+    many = simulate.sphere_cloud(np.random.default_rng(3), n=50)
+    np.testing.assert_array_equal(few, many[:20])
+
+
+def test_trials_differ_and_stay_when_their_number_grows(clean, gross):
+    np.testing.assert_array_equal(simulate.sphere_redraws(7), clean[:7])
+    np.testing.assert_array_equal(simulate.sphere_redraws(7, gross=True), gross[:7])
+    assert len(np.unique(clean[:, 0, 0])) > 250
+    assert not np.any(simulate.sphere_redraws(1, seed=simulate.SEED + 1)[0] == clean[0], 0).all()
+
+
+def test_a_trial_is_the_single_cloud_of_its_generator(clean, gross):
+    child = np.random.SeedSequence(simulate.SEED).spawn(5)[4]
+    generator = np.random.default_rng(child)
+    cloud = simulate.sphere_cloud(generator)
+    np.testing.assert_array_equal(cloud, clean[4])
+    np.testing.assert_array_equal(simulate.with_gross_errors(cloud, generator), gross[4])
+
+
+def test_gross_redraws_share_the_clean_points(clean, gross):
+    moved = np.any(gross != clean, axis=-1)
+    assert np.all(moved[:, ROWS])
+    assert moved.sum() == 300 * 5
+
+
+def test_gross_points_are_moved_inside_along_the_radius(clean, gross):
+    step = gross[:, ROWS] - clean[:, ROWS]
+    inward = SPHERE_CENTER - clean[:, ROWS]
+    inward /= np.linalg.norm(inward, axis=-1, keepdims=True)
+    depth = np.sum(step * inward, axis=-1)
+    rounding = 0.005 * np.sqrt(3)
+    assert depth.min() >= 1.5 - rounding and depth.max() <= 2.6 + rounding
+    assert depth.min() < 1.52 and depth.max() > 2.58  # the whole range is used
+    assert depth.mean() == pytest.approx(2.05, abs=0.03)  # 1500 depths of sd 0.32
+    aside = np.linalg.norm(step - depth[..., None] * inward, axis=-1)
+    assert aside.max() <= rounding
+    np.testing.assert_array_equal(gross, np.round(gross, 2))
+
+
+def test_gross_errors_leave_the_given_cloud_alone_and_take_other_numbers():
+    cloud = simulate.sphere_cloud(np.random.default_rng(0), n=10)
+    before = cloud.copy()
+    moved = simulate.with_gross_errors(cloud, np.random.default_rng(1), numbers=[1, 10])
+    np.testing.assert_array_equal(cloud, before)
+    assert np.flatnonzero(np.any(moved != cloud, axis=1)).tolist() == [0, 9]
+
+
+@pytest.mark.parametrize("number", [0, -1, 11])
+def test_points_are_counted_from_one(number):
+    cloud = simulate.sphere_cloud(np.random.default_rng(0), n=10)
+    with pytest.raises(ValueError, match="expected point numbers from 1 to 10"):
+        simulate.with_gross_errors(cloud, np.random.default_rng(1), numbers=[number])
+
+
+def test_the_committed_clouds_are_regenerated(tmp_path, monkeypatch, clean, gross):
+    monkeypatch.setenv("ANALYSIS_OUTPUT", str(tmp_path))
+    written = simulate.write_sphere_clouds()
+    assert written == [output(path) for path in simulate.SPHERE_FILES.values()]
+    for new, committed in zip(written, simulate.SPHERE_FILES.values(), strict=True):
+        assert tmp_path in new.parents
+        # Rounding hides the last bits of √, so the text itself is the same on every processor.
+        assert new.read_text() == committed.read_text()
+    np.testing.assert_array_equal(simulate.read_sphere_cloud(gross=False), clean[0])
+    np.testing.assert_array_equal(simulate.read_sphere_cloud(gross=True), gross[0])
+
+
+@pytest.mark.parametrize(("gross", "marked"), [(False, []), (True, list(GROSS_POINTS))])
+def test_the_committed_files_number_the_points_and_mark_the_gross_errors(gross, marked):
+    frame = tables.read(simulate.SPHERE_FILES[gross])
+    assert frame["number"].tolist() == list(range(1, 501))
+    assert frame.loc[frame["gross"] == 1, "number"].tolist() == marked
+    assert set(frame["gross"]) <= {0, 1}
+    inside = heights(frame[["x_m", "y_m", "z_m"]].to_numpy()) < -1.0
+    assert (np.flatnonzero(inside) + 1).tolist() == marked
