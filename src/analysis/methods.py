@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import sphere
+from . import igg3, sphere
 from .fit import joined, warn_if_not_converged
 from .validation import BLOCK, one_of, pieces, point_array, weight_array
 
@@ -41,7 +41,7 @@ SPHERE_METHODS: dict[str, Method] = {
     "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + OU_LIU, "#D55E00", sphere.tls),
     "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", sphere.mixed_ls_tls),
     "wtls": Method("WTLS", "Schaffrin & Wieser 2008; " + OU_LIU, "#E69F00", sphere.wtls),
-    "igg3_wtls": Method("IGG III-WTLS", OU_LIU, "#009E73", sphere.igg3_wtls, LONG_BLOCK),
+    "igg3_wtls": Method("IGG III-WTLS", OU_LIU, "#009E73", igg3.igg3_wtls, LONG_BLOCK),
 }
 
 
@@ -54,7 +54,7 @@ def fit_sphere(points, method: str = "igg3_wtls", *, weights=None, cofactors=Non
     method : a name from ``SPHERE_METHODS``.
     weights : (n,) or (…, n) positive a-priori weights, or None for ones.
     cofactors : (n,) or (…, n) variances of the points (each the same in x, y, z), the inverse of weights.
-    method_options : keywords of the method, ``analysis.sphere.<method>``.
+    method_options : keywords of the method, described with its ``function`` in ``SPHERE_METHODS``.
 
     Returns
     -------

@@ -18,25 +18,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .accuracy import cofactor_from_factor, propagate, rms, solve, unit_weight_sd
+from .accuracy import cofactor_from_factor, propagate, solve, unit_weight_sd
 from .eiv import CommonCofactors, EIVProblem
-from .fit import Fit, Iteration
-from .validation import BLOCK, one_of, pieces, positive
-from .weights import IGG3
+from .fit import Fit
+from .validation import BLOCK, pieces, positive
 from .wtls import (
-    Iterated,
+    Ended,
     gauss_newton_cofactor,
-    iterate,
     misclosures,
     objective,
     schaffrin_wieser_step,
     smallest_singular_solution,
+    solved,
     triangular_factor,
 )
 
 PARAMETERS = 4
 CLOSED_FORM = "solved in closed form"
-MAD_TO_SD = 1.482602218505602  # 1/Φ⁻¹(3/4): the median absolute deviation of a normal variable as a standard deviation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -191,7 +189,7 @@ def ls(cloud: Cloud) -> SphereFit:
     """
     x = cloud.least_squares()
     cofactor = cofactor_from_factor(cloud.factor[..., :4, :4])
-    return _fit(cloud, "ls", x, cofactor / cloud.length[:, None, None] ** 4, _algebraic_sd(cloud, x))
+    return finished(cloud, "ls", x, cofactor / cloud.length[:, None, None] ** 4, _algebraic_sd(cloud, x))
 
 
 def tls(cloud: Cloud) -> SphereFit:
@@ -215,8 +213,8 @@ def mixed_ls_tls(cloud: Cloud) -> SphereFit:
     σ0 = √(Σr²/(n − 4)) in m². Source: Van Huffel & Vandewalle 1991, section 3.6.
     """
     problem = _compressed(cloud, [1, 1, 1, 0, 1])
-    ended = iterate(problem, cloud.least_squares(), schaffrin_wieser_step, 1e-15, 100)
-    return _common_fit(cloud, "mixed_ls_tls", ended.x, [1, 1, 1, 0, 1], ended)
+    x, ended = solved(problem, cloud.least_squares(), schaffrin_wieser_step, 1e-15, 100)
+    return _common_fit(cloud, "mixed_ls_tls", x, [1, 1, 1, 0, 1], ended)
 
 
 def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, max_iterations: int = 200) -> SphereFit:
@@ -230,114 +228,16 @@ def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, ma
 
     Source: Ou & Liu 2017, eqs. (8)-(12), (16)-(18); Schaffrin & Wieser 2008.
     """
-    problem = _printed_problem(cloud, positive(unit_weight, "unit_weight"))
-    ended = iterate(problem, cloud.least_squares(), schaffrin_wieser_step, positive(tolerance, "tolerance"), max_iterations)
-    sigma_0 = unit_weight_sd(objective(problem, ended.x), cloud.count - PARAMETERS)
-    return _fit(cloud, "wtls", ended.x, gauss_newton_cofactor(problem, ended.x), sigma_0, ended)
-
-
-def igg3_wtls(
-    cloud: Cloud,
-    *,
-    scale: str = "rms",
-    power: int = 1,
-    cumulative: bool = True,
-    unit_weight: float = 1.0,
-    k0: float = 1.5,
-    k1: float = 2.5,
-    tolerance: float = 1e-6,
-    start: str = "Q_Y",
-    max_iterations: int = 1000,
-    history: bool = False,
-) -> SphereFit:
-    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in more than one way.
-
-    One Schaffrin-Wieser step with the current weights, distances from the new sphere, weight factors
-    ω(|d|/σ), new weights; until the step in X = (a, b, c, δ) is below ``tolerance``. The defaults are the
-    literal reading.
-
-    scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term), ``rms_in`` of the
-        points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made consistent at the normal law, ``mad``
-        the median absolute distance (times 1.4826 n/(n − 4)), ``unit`` the unit-weight standard deviation
-    power : 1 as printed in eq. (13), 2 the usual IGG III
-    cumulative : True as printed in step 6, P ← P·ω; False the text of section 1.3, P = P_base·ω
-    unit_weight : P_X of the first iteration, which the paper does not give
-    k0, k1 : thresholds of eq. (13), ``0 < k0 < k1``
-    start : weights of the first solution, ``Q_Y`` as printed in eq. (15) or ``P_Y``, its inverse
-    history : keep every iteration (one cloud only)
-
-    σ0 = √(λᵀ(Y − AX)/(n − 4)) in m over all n points, rejected ones included, as printed; the covariance is
-    that of weighted least squares with the final weights, which is what the paper's theory offers and is
-    too optimistic, since the weights come from the same residuals.
-
-    Source: Ou & Liu 2017, eqs. (11)-(18).
-    """
-    function = IGG3(positive(k0, "k0"), positive(k1, "k1"), power)
-    estimate_scale = SCALES[one_of(scale, SCALES, "scale")]
-    tolerance = positive(tolerance, "tolerance")
-    base = positive(unit_weight, "unit_weight")
-    one_of(start, ("Q_Y", "P_Y"), "start")
-    if history and len(cloud.points) > 1:
-        raise ValueError(f"history: expected a single cloud, got a stack of {len(cloud.points)}")
-
-    whole = problem = _printed_problem(cloud, base)
-    # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
-    initial = problem.cofactors.h if start == "Q_Y" else 1.0 / problem.cofactors.h
-    x = _weighted_solution(problem, initial)
-    x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
-
-    count, n = cloud.points.shape[:2]
-    solution = x.copy()
-    weights = np.ones((count, n))
-    iterations = np.full(count, max_iterations)
-    converged = np.zeros(count, dtype=bool)
-    reason = np.full(count, f"not converged: the step in X was still above {tolerance:g} after {max_iterations} iterations", dtype=object)
-    active, current, length, origin = np.arange(count), weights.copy(), cloud.length, cloud.origin
-    known = misclosures(problem, x)
-    kept = []
-    for iteration in range(1, max_iterations + 1):
-        new = schaffrin_wieser_step(problem, x, current, known)
-        known = misclosures(problem, new)
-        distances = _scaled_distances(known[1], new)
-        dk = (new - x)[:, :3] * length[:, None]
-        ddelta = (new - x)[:, 3] * length**2 - 2.0 * np.sum(origin * dk, axis=-1)
-        moved = np.sqrt(np.sum(dk * dk, axis=-1) + ddelta**2)
-        sigma = estimate_scale(problem, new, distances, current, function, length)
-        factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
-        lost = ~np.isfinite(moved + sigma)
-        stopped = lost | (moved < tolerance)
-        solution[active] = np.where(lost[:, None], x, new)
-        weights[active] = current
-        if history:
-            kept.append(Iteration(_geometry(origin, length, new)[0][0], sigma[0] * length[0], current[0]))
-        if stopped.any():
-            ended = active[stopped]
-            iterations[ended] = iteration
-            converged[ended] = ~lost[stopped]
-            reason[ended] = np.where(
-                lost[stopped],
-                "not converged: too few points kept a weight to determine a sphere",
-                f"the step in X = (a, b, c, δ) fell below {tolerance:g}",
-            )
-            keep = ~stopped
-            active = active[keep]
-            if not len(active):
-                break
-            problem, new, current, factors = problem[keep], new[keep], current[keep], factors[keep]
-            length, origin, known = length[keep], origin[keep], (known[0][keep], known[1][keep])
-        x = new
-        current = current * factors if cumulative else factors
-
-    sigma_0 = unit_weight_sd(objective(whole, solution, weights), n - PARAMETERS)
-    cofactor = gauss_newton_cofactor(whole, solution, weights)
-    ended = Iterated(solution, iterations, converged, reason)
-    return _fit(cloud, "igg3_wtls", solution, cofactor, sigma_0, ended, weights, tuple(kept))
+    problem = printed_problem(cloud, positive(unit_weight, "unit_weight"))
+    x, ended = solved(problem, cloud.least_squares(), schaffrin_wieser_step, positive(tolerance, "tolerance"), max_iterations)
+    sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
+    return finished(cloud, "wtls", x, gauss_newton_cofactor(problem, x), sigma_0, ended)
 
 
 # ------------------------------------------------------------------------- what the methods share
 
 
-def _printed_problem(cloud: Cloud, unit_weight: float) -> EIVProblem:
+def printed_problem(cloud: Cloud, unit_weight: float) -> EIVProblem:
     """The printed problem of eqs. (8)-(12): Q_X = 1/P_X for the three columns 2p, Q_Y = w Q_X, nothing in common."""
     Q_X = np.full((len(cloud.points), 1), 1.0) if cloud.weights is None else 1.0 / cloud.weights
     Q_X = Q_X / unit_weight
@@ -353,65 +253,13 @@ def _compressed(cloud: Cloud, printed: list[float]) -> EIVProblem:
     return EIVProblem(cloud.factor.swapaxes(-1, -2), CommonCofactors(_common_cofactors(cloud, printed), ones, 0.0 * ones))
 
 
-def _weighted_solution(problem: EIVProblem, weights: np.ndarray) -> np.ndarray:
-    """``(AᵀPA)⁻¹AᵀPY``, (B, 4)."""
-    N = (problem.rows[:, :4] * weights[:, None, :]) @ problem.rows.swapaxes(-1, -2)
-    return solve(N[..., :4], N[..., 4:])[..., 0]
-
-
 def _algebraic_sd(cloud: Cloud, x: np.ndarray) -> np.ndarray:
     """``√(Σ P r²/(n − 4))`` in m²."""
     _, r = misclosures(EIVProblem(cloud.factor.swapaxes(-1, -2), None), x)
     return cloud.length**2 * unit_weight_sd(np.sum(r * r, axis=-1), cloud.count - PARAMETERS)
 
 
-def _scaled_distances(r: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Signed distances in units of the cloud's length, from ``|p − k|² = r + R²``; NaN without a real sphere."""
-    squared_radius = x[:, 3] + np.einsum("bi,bi->b", x[:, :3], x[:, :3])
-    squared_radius = np.where(squared_radius > 0, squared_radius, np.nan)[:, None]
-    distances = r + squared_radius
-    np.maximum(distances, 0.0, out=distances)
-    np.sqrt(distances, out=distances)
-    distances -= np.sqrt(squared_radius)
-    return distances
-
-
-def _rms_of_all(problem, x, distances, weights, function, length):
-    return rms(distances)
-
-
-def _rms_in_use(problem, x, distances, weights, function, length):
-    return rms(distances, where=weights > 0)
-
-
-def _rms_weighted(problem, x, distances, weights, function, length):
-    return np.sqrt(np.sum(weights * distances**2, axis=-1) / np.sum(weights, axis=-1))
-
-
-def _rms_weighted_consistent(problem, x, distances, weights, function, length):
-    return _rms_weighted(problem, x, distances, weights, function, length) / np.sqrt(function.consistency_factor)
-
-
-def _mad(problem, x, distances, weights, function, length):
-    n = distances.shape[-1]
-    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(n - PARAMETERS, 1)
-
-
-def _unit_weight(problem, x, distances, weights, function, length):
-    return unit_weight_sd(objective(problem, x, weights), distances.shape[-1] - PARAMETERS) / length
-
-
-SCALES = {
-    "rms": _rms_of_all,
-    "rms_in": _rms_in_use,
-    "rms_w": _rms_weighted,
-    "rms_wc": _rms_weighted_consistent,
-    "mad": _mad,
-    "unit": _unit_weight,
-}
-
-
-def _geometry(origin: np.ndarray, length: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def geometry(origin: np.ndarray, length: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Parameters (a, b, c, r) in m and their Jacobian with respect to x = (k, δ) of the cloud's frame, (B, 4, 4)."""
     squared_radius = x[:, 3] + np.sum(x[:, :3] ** 2, axis=-1)
     radius = np.sqrt(np.where(squared_radius > 0, squared_radius, np.nan))
@@ -424,25 +272,25 @@ def _geometry(origin: np.ndarray, length: np.ndarray, x: np.ndarray) -> tuple[np
     return parameters, J
 
 
-def _common_fit(cloud: Cloud, method: str, x: np.ndarray, printed: list[float], ended: Iterated | None = None) -> SphereFit:
+def _common_fit(cloud: Cloud, method: str, x: np.ndarray, printed: list[float], ended: Ended | None = None) -> SphereFit:
     """A fit whose rows all have the cofactor ``diag(printed)``, with σ0 as the algebraic residual."""
     problem = _compressed(cloud, printed)
     z, _ = misclosures(problem, x)
     s = problem.cofactors.misclosure(z)[:, 0]
     cofactor = gauss_newton_cofactor(problem, x) / (s * cloud.length**4)[:, None, None]
-    return _fit(cloud, method, x, cofactor, _algebraic_sd(cloud, x), ended)
+    return finished(cloud, method, x, cofactor, _algebraic_sd(cloud, x), ended)
 
 
-def _fit(cloud, method, x, cofactor, sigma_0, ended: Iterated | None = None, weights=None, history=()) -> SphereFit:
+def finished(cloud, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()) -> SphereFit:
     """The result in m from x and its cofactor in the cloud's frame."""
-    parameters, J = _geometry(cloud.origin, cloud.length, x)
+    parameters, J = geometry(cloud.origin, cloud.length, x)
     distances = np.empty(cloud.points.shape[:2])
     for piece in _pieces(cloud.points):
         D = cloud.points[:, piece] - parameters[:, None, :3]
         distances[:, piece] = np.sqrt(np.einsum("bni,bni->bn", D, D)) - parameters[:, None, 3]
     count = len(x)
     if ended is None:
-        ended = Iterated(x, np.zeros(count, dtype=int), np.ones(count, dtype=bool), np.full(count, CLOSED_FORM, dtype=object))
+        ended = Ended((x,), np.zeros(count, dtype=int), np.ones(count, dtype=bool), np.full(count, CLOSED_FORM, dtype=object))
     imaginary = np.isnan(parameters[:, 3]) & ended.converged
     return SphereFit(
         method=method,

@@ -232,53 +232,72 @@ def gauss_newton_cofactor(problem: EIVProblem, x: np.ndarray, weights: np.ndarra
 
 
 @dataclass(frozen=True)
-class Iterated:
-    """Where an iteration over a stack ended: x (B, m), iterations (B,), converged (B,), stop_reason (B,) of str."""
+class Ended:
+    """How the iterations over a stack of B problems ended: the last state, and (B,) iterations, converged, stop_reason."""
 
-    x: np.ndarray
+    state: tuple[np.ndarray, ...]
     iterations: np.ndarray
     converged: np.ndarray
     stop_reason: np.ndarray
 
 
-def iterate(problem: EIVProblem, x: np.ndarray, step: Callable, tolerance: float, max_iterations: int) -> Iterated:
-    """Repeat ``x ← step(problem, x)`` for every problem of a stack ``(B, …)`` until ``|Δx| ≤ tolerance·|x|``.
+def iterate(problem, state: tuple[np.ndarray, ...], advance: Callable, endings: list[tuple[bool, str]], max_iterations: int) -> Ended:
+    """Repeat ``state, ending = advance(problem, state)`` for every problem of a stack until it has ended.
 
-    A problem that has stopped is left as it is and costs nothing more. A step that is down at
-    rounding level (relative 1e-8) and does not shrink any more ends the iteration as converged.
+    problem : anything that a mask over the leading axis selects from
+    state : arrays with that leading axis (B, …)
+    advance : gives the next state and, for each problem, 0 to go on or the 1-based number of an ending
+    endings : (converged, sentence) of each ending
+
+    A problem that has ended is left as it is and costs nothing more, so that it comes out the same in
+    a stack of any size.
     """
-    count = len(x)
-    x = x.copy()
+    count = len(state[0])
+    final = tuple(array.copy() for array in state)
     active = np.arange(count)
     iterations = np.full(count, max_iterations)
-    converged = np.zeros(count, dtype=bool)
-    reason = np.full(count, f"not converged: the step was still above {tolerance:g} after {max_iterations} iterations", dtype=object)
-    current, last = x, np.full(count, np.inf)
+    ending = np.zeros(count, dtype=int)
     for iteration in range(1, max_iterations + 1):
-        new = step(problem, current)
-        length = np.linalg.norm(new - current, axis=-1)
-        size = np.linalg.norm(new, axis=-1)
-        small = length <= tolerance * size
-        stalled = (length >= last) & (length <= ROUNDING * size)
-        lost = ~np.isfinite(length)
-        stopped = small | stalled | lost
-        x[active] = new
+        state, now = advance(problem, state)
+        stopped = (now > 0) | (iteration == max_iterations)
         if stopped.any():
             ended = active[stopped]
             iterations[ended] = iteration
-            converged[ended] = ~lost[stopped]
-            reason[ended] = np.where(
-                lost[stopped],
-                "not converged: the normal equations became singular",
-                np.where(small[stopped], f"the relative step fell below {tolerance:g}", "the step reached rounding level"),
-            )
+            ending[ended] = now[stopped]
+            for whole, part in zip(final, state, strict=True):
+                whole[ended] = part[stopped]
             keep = ~stopped
             active = active[keep]
             if not len(active):
                 break
-            problem, new, length = problem[keep], new[keep], length[keep]
-        current, last = new, length
-    return Iterated(x, iterations, converged, reason)
+            problem, state = problem[keep], tuple(part[keep] for part in state)
+    known = [(False, f"not converged: still moving after {max_iterations} iterations"), *endings]
+    converged = np.array([one[0] for one in known])[ending]
+    return Ended(final, iterations, converged, np.array([one[1] for one in known], dtype=object)[ending])
+
+
+def solved(problem: EIVProblem, x: np.ndarray, step: Callable, tolerance: float, max_iterations: int) -> tuple[np.ndarray, Ended]:
+    """Repeat ``x ← step(problem, x)`` for a stack x (B, m) until ``|Δx| ≤ tolerance·|x|``.
+
+    A step that is down at rounding level and does not shrink any more ends it as converged, too.
+    """
+
+    def advance(problem, state):
+        x, last = state
+        new = step(problem, x)
+        length, size = np.linalg.norm(new - x, axis=-1), np.linalg.norm(new, axis=-1)
+        lost = ~np.isfinite(length)
+        stalled = (length >= last) & (length <= ROUNDING * size)
+        ending = np.select([lost, length <= tolerance * size, stalled], [1, 2, 3], 0)
+        return (np.where(lost[:, None], x, new), length), ending
+
+    endings = [
+        (False, "not converged: the normal equations became singular"),
+        (True, f"the relative step fell below {tolerance:g}"),
+        (True, "the step reached rounding level"),
+    ]
+    ended = iterate(problem, (x, np.full(len(x), np.inf)), advance, endings, max_iterations)
+    return ended.state[0], ended
 
 
 def wtls(
@@ -342,12 +361,12 @@ def wtls(
     if isinstance(cofactors, DenseCofactors):
         if rows.ndim > 2:
             raise ValueError(f"A: expected one problem (n, m) with full cofactor matrices, got a stack of shape {np.shape(A)}")
-        ended = iterate(problem, start[None], lambda one, x: step(one, x[0])[None], tolerance, max_iterations)
         lead = ()
+        scaled, ended = solved(problem, start[None], lambda one, x: step(one, x[0])[None], tolerance, max_iterations)
     else:
         lead = rows.shape[:-2]
-        ended = iterate(problem.flattened(), start.reshape(-1, m), step, tolerance, max_iterations)
-    scaled = ended.x.reshape(lead + (m,))
+        scaled, ended = solved(problem.flattened(), start.reshape(-1, m), step, tolerance, max_iterations)
+    scaled = scaled.reshape(lead + (m,))
     phi = objective(problem, scaled)
     return Estimate(
         x=(root @ scaled[..., None])[..., 0],

@@ -1,0 +1,174 @@
+"""IGG III-WTLS, the robust weighted total least squares of Ou & Liu 2017, as printed and as it can be read.
+
+The algorithm takes one Schaffrin-Wieser step, measures the distances from the new sphere, turns them
+into weight factors and multiplies the weights by them, until the parameters stand still. What the paper
+leaves open (the scale of the residuals, the exponent, the first weights) is a keyword.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .accuracy import rms, solve, unit_weight_sd
+from .eiv import EIVProblem
+from .fit import Iteration
+from .sphere import PARAMETERS, Cloud, SphereFit, finished, geometry, printed_problem
+from .validation import one_of, positive
+from .weights import IGG3
+from .wtls import gauss_newton_cofactor, iterate, misclosures, objective, schaffrin_wieser_step
+
+MAD_TO_SD = 1.482602218505602  # 1/Φ⁻¹(3/4): the median absolute deviation of a normal variable as a standard deviation
+
+
+def igg3_wtls(
+    cloud: Cloud,
+    *,
+    scale: str = "rms",
+    power: int = 1,
+    cumulative: bool = True,
+    unit_weight: float = 1.0,
+    k0: float = 1.5,
+    k1: float = 2.5,
+    tolerance: float = 1e-6,
+    start: str = "Q_Y",
+    max_iterations: int = 1000,
+    history: bool = False,
+) -> SphereFit:
+    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in more than one way.
+
+    One Schaffrin-Wieser step with the current weights, distances from the new sphere, weight factors
+    ω(|d|/σ), new weights; until the step in X = (a, b, c, δ) is below ``tolerance``. The defaults are the
+    literal reading.
+
+    scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term), ``rms_in`` of the
+        points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made consistent at the normal law, ``mad``
+        the median absolute distance (times 1.4826 n/(n − 4)), ``unit`` the unit-weight standard deviation
+    power : 1 as printed in eq. (13), 2 the usual IGG III
+    cumulative : True as printed in step 6, P ← P·ω; False the text of section 1.3, P = P_base·ω
+    unit_weight : P_X of the first iteration, which the paper does not give
+    k0, k1 : thresholds of eq. (13), ``0 < k0 < k1``
+    start : weights of the first solution, ``Q_Y`` as printed in eq. (15) or ``P_Y``, its inverse
+    history : keep every iteration (one cloud only)
+
+    σ0 = √(λᵀ(Y − AX)/(n − 4)) in m over all n points, rejected ones included, as printed; the covariance is
+    that of weighted least squares with the final weights, which is what the paper's theory offers and is
+    too optimistic, since the weights come from the same residuals.
+
+    Source: Ou & Liu 2017, eqs. (11)-(18).
+    """
+    function = IGG3(positive(k0, "k0"), positive(k1, "k1"), power)
+    estimate_scale = SCALES[one_of(scale, SCALES, "scale")]
+    tolerance = positive(tolerance, "tolerance")
+    base = positive(unit_weight, "unit_weight")
+    one_of(start, ("Q_Y", "P_Y"), "start")
+    if history and len(cloud.points) > 1:
+        raise ValueError(f"history: expected a single cloud, got a stack of {len(cloud.points)}")
+
+    problem = printed_problem(cloud, base)
+    # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
+    x = _weighted_solution(problem, problem.cofactors.h if start == "Q_Y" else 1.0 / problem.cofactors.h)
+    x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
+    iterations = []
+
+    def advance(printed: _Printed, state):
+        """Steps 3 to 7; the state: X(i), its misclosures, the weights used for X(i) and those to be used next."""
+        x, z, r, _, weights = state
+        new = schaffrin_wieser_step(printed.problem, x, weights, (z, r))
+        z, r = misclosures(printed.problem, new)
+        distances = _scaled_distances(r, new)
+        sigma = estimate_scale(printed, new, distances, weights, function)
+        factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
+        moved = printed.step(new - x)
+        lost = ~np.isfinite(moved + sigma)
+        if history:
+            parameters, _ = geometry(printed.origin, printed.length, new)
+            iterations.append(Iteration(parameters[0], sigma[0] * printed.length[0], weights[0]))
+        state = np.where(lost[:, None], x, new), z, r, weights, weights * factors if cumulative else factors
+        return state, np.select([lost, moved < tolerance], [1, 2], 0)
+
+    endings = [
+        (False, "not converged: too few points kept a weight to determine a sphere"),
+        (True, f"the step in X = (a, b, c, δ) fell below {tolerance:g}"),
+    ]
+    ones = np.ones(cloud.points.shape[:2])
+    state = (x, *misclosures(problem, x), ones, ones)
+    ended = iterate(_Printed(problem, cloud.origin, cloud.length), state, advance, endings, max_iterations)
+    x, _, _, weights, _ = ended.state
+    sigma_0 = unit_weight_sd(objective(problem, x, weights), cloud.count - PARAMETERS)
+    cofactor = gauss_newton_cofactor(problem, x, weights)
+    return finished(cloud, "igg3_wtls", x, cofactor, sigma_0, ended, weights, tuple(iterations))
+
+
+@dataclass(frozen=True)
+class _Printed:
+    """The printed problem of a stack in the clouds' own frames, and what leads back to the printed frame."""
+
+    problem: EIVProblem
+    origin: np.ndarray
+    length: np.ndarray
+
+    def step(self, difference: np.ndarray) -> np.ndarray:
+        """|ΔX| of X = (a, b, c, δ) in m and m² from a difference of x, (B,)."""
+        dk = difference[:, :3] * self.length[:, None]
+        ddelta = difference[:, 3] * self.length**2 - 2.0 * np.einsum("bi,bi->b", self.origin, dk)
+        return np.sqrt(np.einsum("bi,bi->b", dk, dk) + ddelta**2)
+
+    def __getitem__(self, keep) -> _Printed:
+        return _Printed(self.problem[keep], self.origin[keep], self.length[keep])
+
+
+def _weighted_solution(problem: EIVProblem, weights: np.ndarray) -> np.ndarray:
+    """``(AᵀPA)⁻¹AᵀPY``, (B, 4)."""
+    N = (problem.rows[:, :4] * weights[:, None, :]) @ problem.rows.swapaxes(-1, -2)
+    return solve(N[..., :4], N[..., 4:])[..., 0]
+
+
+def _scaled_distances(r: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Signed distances in units of the cloud's length, from ``|p − k|² = r + R²``; NaN without a real sphere."""
+    squared_radius = x[:, 3] + np.einsum("bi,bi->b", x[:, :3], x[:, :3])
+    squared_radius = np.where(squared_radius > 0, squared_radius, np.nan)[:, None]
+    distances = r + squared_radius
+    np.maximum(distances, 0.0, out=distances)
+    np.sqrt(distances, out=distances)
+    distances -= np.sqrt(squared_radius)
+    return distances
+
+
+# The readings of σ in V/σ, each (B,) in units of the clouds' length.
+
+
+def _rms_of_all(printed, x, distances, weights, function):
+    return rms(distances)
+
+
+def _rms_in_use(printed, x, distances, weights, function):
+    return rms(distances, where=weights > 0)
+
+
+def _rms_weighted(printed, x, distances, weights, function):
+    return np.sqrt(np.sum(weights * distances**2, axis=-1) / np.sum(weights, axis=-1))
+
+
+def _rms_weighted_consistent(printed, x, distances, weights, function):
+    return _rms_weighted(printed, x, distances, weights, function) / np.sqrt(function.consistency_factor)
+
+
+def _mad(printed, x, distances, weights, function):
+    n = distances.shape[-1]
+    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(n - PARAMETERS, 1)
+
+
+def _unit_weight(printed, x, distances, weights, function):
+    return unit_weight_sd(objective(printed.problem, x, weights), distances.shape[-1] - PARAMETERS) / printed.length
+
+
+SCALES = {
+    "rms": _rms_of_all,
+    "rms_in": _rms_in_use,
+    "rms_w": _rms_weighted,
+    "rms_wc": _rms_weighted_consistent,
+    "mad": _mad,
+    "unit": _unit_weight,
+}
