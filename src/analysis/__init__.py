@@ -2,7 +2,7 @@
 
     >>> import analysis
     >>> sorted(analysis.SPHERE_METHODS)
-    ['igg3_wtls', 'ls', 'mixed_ls_tls', 'tls', 'wtls']
+    ['eiv', 'geometric', 'igg3_wtls', 'ls', 'mixed_ls_tls', 'robust', 'tls', 'wtls']
 """
 
 from .fit import ConvergenceWarning, Fit

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import igg3, sphere
+from . import igg3, robust, sphere
 from .fit import joined, warn_if_not_converged
-from .validation import BLOCK, one_of, pieces, point_array, weight_array
+from .validation import BLOCK, covariance_array, one_of, pieces, point_array, positive, weight_array
 
 # Where the number of iterations varies much from cloud to cloud, more of them together: the slowest then
 # run alone for a smaller part of the time.
@@ -25,7 +25,8 @@ class Method:
     """A named method: what tables call it, who described it, the colour it has in every figure, what computes it.
 
     Clouds of a stack are solved together as many as make ``block`` points, so that what one step
-    needs stays in the processor's cache.
+    needs stays in the processor's cache. A ``consistent`` method takes full cofactors of the points
+    and a held radius; the printed ones cannot.
     """
 
     label: str
@@ -33,6 +34,7 @@ class Method:
     colour: str
     function: Callable
     block: int = BLOCK
+    consistent: bool = False
 
 
 # Colours: Okabe & Ito's eight, which colour-blind readers can tell apart.
@@ -42,18 +44,24 @@ SPHERE_METHODS: dict[str, Method] = {
     "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", sphere.mixed_ls_tls),
     "wtls": Method("WTLS", "Schaffrin & Wieser 2008; " + OU_LIU, "#E69F00", sphere.wtls),
     "igg3_wtls": Method("IGG III-WTLS", OU_LIU, "#009E73", igg3.igg3_wtls, LONG_BLOCK),
+    "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", sphere.eiv, consistent=True),
+    "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", robust.geometric, consistent=True),
+    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
 }
 
 
-def fit_sphere(points, method: str = "igg3_wtls", *, weights=None, cofactors=None, **method_options) -> sphere.SphereFit:
+def fit_sphere(points, method: str = "robust", *, radius=None, cofactors=None, weights=None, seed: int = 0, **method_options) -> sphere.SphereFit:
     """Fit a sphere to each cloud of a stack.
 
     Parameters
     ----------
     points : (n, 3) or (…, n, 3) coordinates in m, n ≥ 4. Not changed.
     method : a name from ``SPHERE_METHODS``.
-    weights : (n,) or (…, n) positive a-priori weights, or None for ones.
-    cofactors : (n,) or (…, n) variances of the points (each the same in x, y, z), the inverse of weights.
+    radius : a radius in m to be held, or None to estimate it (methods ``eiv``, ``geometric``, ``robust``).
+    cofactors : (n,) or (…, n) variances of the points, each the same in x, y, z; or, for the same methods,
+        (n, 3, 3) or (…, n, 3, 3) covariances. None for equal ones.
+    weights : (n,) or (…, n) positive a-priori weights, the inverse of variances, or None for ones.
+    seed : of the samples that ``robust`` starts from; the other methods draw nothing.
     method_options : keywords of the method, described with its ``function`` in ``SPHERE_METHODS``.
 
     Returns
@@ -63,8 +71,8 @@ def fit_sphere(points, method: str = "igg3_wtls", *, weights=None, cofactors=Non
     the iteration ended.
 
     Raises ``ValueError`` for wrong shapes, NaN or infinity, fewer than four points, points in a plane or on
-    a circle, non-positive weights, an unknown method or option value. A fit that did not converge comes
-    back with ``converged`` False, a ``stop_reason`` and a ``ConvergenceWarning``.
+    a circle, non-positive weights, an unknown method or option value, and what the method cannot take. A
+    fit that did not converge comes back with ``converged`` False, a ``stop_reason`` and a ``ConvergenceWarning``.
 
     >>> directions = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])
     >>> fit = fit_sphere([10, 10, 1] + 2 * directions, "ls")
@@ -74,11 +82,26 @@ def fit_sphere(points, method: str = "igg3_wtls", *, weights=None, cofactors=Non
     chosen = SPHERE_METHODS[one_of(method, SPHERE_METHODS, "method")]
     points = point_array(points, 3, 4, "a sphere")
     lead, n = points.shape[:-2], points.shape[-2]
-    weights = _a_priori_weights(weights, cofactors, lead + (n,))
+    full = None
+    if cofactors is not None and np.ndim(cofactors) >= 3 and np.shape(cofactors)[-3:] == (n, 3, 3):
+        if weights is not None:
+            raise ValueError("weights: expected None beside full cofactors, which say all, got both")
+        full, cofactors = covariance_array(cofactors, lead + (n, 3, 3), "cofactors"), None
+    if not chosen.consistent and (full is not None or radius is not None):
+        able = ", ".join(name for name, one in SPHERE_METHODS.items() if one.consistent)
+        what = "full cofactors" if full is not None else "a held radius"
+        raise ValueError(f"method: expected one of {able} with {what}, got {method!r}")
+    given = {
+        "weights": _a_priori_weights(weights, cofactors, lead + (n,)),
+        "cofactors": None if full is None else full.reshape((-1, n, 3, 3)),
+        "held_radius": None if radius is None else np.full(int(np.prod(lead)), positive(radius, "radius")),
+    }
+    if chosen.function is robust.robust:
+        method_options["seed"] = seed
     flat = points.reshape((-1, n, 3))
     fits = []
     for part in pieces(len(flat), max(1, chosen.block // n)):
-        cloud = sphere.reduce(flat[part], None if weights is None else weights[part])
+        cloud = sphere.reduce(flat[part], **{name: None if array is None else array[part] for name, array in given.items()})
         fits.append(chosen.function(cloud, **method_options))
     fit = joined(fits, lead)
     warn_if_not_converged(fit)

@@ -19,13 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from .accuracy import cofactor_from_factor, propagate, solve, unit_weight_sd
-from .eiv import CommonCofactors, EIVProblem
+from .eiv import CommonCofactors, EIVProblem, IndependentRows
 from .fit import Fit
 from .validation import BLOCK, pieces, positive
 from .wtls import (
     Ended,
+    derivatives,
     gauss_newton_cofactor,
     misclosures,
+    newton_step,
     objective,
     schaffrin_wieser_step,
     smallest_singular_solution,
@@ -60,12 +62,16 @@ class Cloud:
 
     points : (B, n, 3) as given, in m
     weights : (B, n) a-priori weights, or None for ones
+    cofactors : (B, n, 3, 3) of the points, or None when they are isotropic (then weights say all)
+    held_radius : (B,) in m, or None for a free radius
     origin : (B, 3) centroid; length : (B,) a power of two near the RMS extent, so that dividing by it is exact
     factor : (B, 5, 5) triangular factor of the weighted rows ``(2D, 1, |D|²)``
     """
 
     points: np.ndarray
     weights: np.ndarray | None
+    cofactors: np.ndarray | None
+    held_radius: np.ndarray | None
     origin: np.ndarray
     length: np.ndarray
     factor: np.ndarray
@@ -73,6 +79,41 @@ class Cloud:
     @property
     def count(self) -> int:
         return self.points.shape[-2]
+
+    def in_frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """The points (B, n, 3) in the cloud's frame, and their cofactors, of which 1 stands for 1 m²."""
+        D = (self.points - self.origin[:, None, :]) / self.length[:, None, None]
+        if self.cofactors is not None:
+            return D, self.cofactors / self.length[:, None, None, None] ** 2
+        return D, (np.ones((len(D), 1)) if self.weights is None else 1.0 / self.weights) / self.length[:, None] ** 2
+
+    @property
+    def model(self) -> SphereModel:
+        return SphereModel(None if self.held_radius is None else self.held_radius / self.length)
+
+    def start(self) -> np.ndarray:
+        """(B, 4) algebraic (a, b, c, r) in the cloud's frame, to go on from."""
+        x = self.least_squares()
+        squared_radius = x[:, 3] + np.sum(x[:, :3] ** 2, axis=-1)
+        # Noise can leave the algebraic fit without a real sphere; any radius of the cloud's size will do then.
+        radius = np.sqrt(np.where(squared_radius > 0, squared_radius, 1.0))
+        return self.model.held(np.concatenate([x[:, :3], radius[:, None]], axis=-1))
+
+    def bias(self, x: np.ndarray, sigma_0: np.ndarray) -> np.ndarray:
+        """(B, 4) bias of second order of an orthogonal fit with equal isotropic noise: σ²/r of the radius."""
+        if self.cofactors is not None or self.weights is not None or self.held_radius is not None:
+            raise ValueError("bias_correction: expected equally precise points and a free radius, got weights, cofactors or a held radius")
+        bias = np.zeros_like(x)
+        bias[:, 3] = (sigma_0 / self.length) ** 2 / x[:, 3]
+        return bias
+
+    def fit(self, method: str, adjusted) -> SphereFit:
+        """The result in m of an adjustment of (a, b, c, r) in the cloud's frame (``robust.Adjusted``)."""
+        length = self.length[:, None]
+        parameters = length * adjusted.x
+        parameters[:, :3] += self.origin
+        cofactor = adjusted.cofactor * length[..., None] ** 2
+        return _assembled(self, method, parameters, cofactor, adjusted.sigma, adjusted.ended, adjusted.weights)
 
     def least_squares(self) -> np.ndarray:
         """(B, 4): minimises ``Σ P r²`` in the cloud's own frame."""
@@ -83,8 +124,8 @@ class Cloud:
         return _rows(self.points, self.origin, self.length)
 
 
-def reduce(points: np.ndarray, weights: np.ndarray | None) -> Cloud:
-    """Centre, scale and factorise a stack ``(B, n, 3)``.
+def reduce(points: np.ndarray, weights=None, cofactors=None, held_radius=None) -> Cloud:
+    """Centre, scale and factorise a stack ``(B, n, 3)``; the arguments as the fields of :class:`Cloud`.
 
     Raises ``ValueError`` when the points of a cloud lie in a plane (so also on a circle, on a line
     or in one place) as far as their coordinates can tell: no sphere, or no single one, fits best.
@@ -97,7 +138,7 @@ def reduce(points: np.ndarray, weights: np.ndarray | None) -> Cloud:
         D = points[:, piece] - origin[:, None, :]
         squares += np.einsum("bni,bni->b", D, D)
     length = np.exp2(np.round(0.5 * np.log2(np.maximum(squares / n, np.finfo(float).tiny))))
-    cloud = Cloud(points, weights, origin, length, _factor(points, weights, origin, length))
+    cloud = Cloud(points, weights, cofactors, held_radius, origin, length, _factor(points, weights, origin, length))
     _require_a_sphere(cloud)
     return cloud
 
@@ -234,6 +275,157 @@ def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, ma
     return finished(cloud, "wtls", x, gauss_newton_cofactor(problem, x), sigma_0, ended)
 
 
+def eiv(cloud: Cloud, *, max_iterations: int = 100) -> SphereFit:
+    """Consistent weighted total least squares: w and p have the errors that the points give them.
+
+    ``s_i = 4 (p_i − k)ᵀQ_i(p_i − k)``, ``Φ = Σ r²/s`` (the gradient-weighted, or Sampson, distance), minimised by
+    Newton steps with the exact Hessian. Independent of the origin; takes any cofactors of the points and a
+    held radius. σ0 = √(Φ/(n − t)): in m without cofactors, else relative to them.
+
+    Source: Fang 2013; Ou & Liu 2017, eq. (3), with the correlation of w and p that it leaves out.
+    """
+    D, Q = cloud.in_frame()
+    problem = EIVProblem(cloud.rows(), PointCofactors(D.swapaxes(-1, -2), Q))
+    x = cloud.least_squares()
+    free = PARAMETERS
+    step = newton_step
+    if cloud.held_radius is not None:
+        free, radius = PARAMETERS - 1, cloud.held_radius / cloud.length
+        x[:, 3] = radius**2 - np.sum(x[:, :3] ** 2, axis=-1)
+        step = _newton_step_at_held_radius
+    x, ended = solved(problem, x, step, 1e-14, max_iterations)
+    sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - free)
+    cofactor = gauss_newton_cofactor(problem, x)
+    if cloud.held_radius is not None:
+        P = _tangent(x)
+        cofactor = P @ solve(P.swapaxes(-1, -2) @ solve(cofactor, P), P.swapaxes(-1, -2))
+    return finished(cloud, "eiv", x, cofactor, sigma_0, ended)
+
+
+def _tangent(x: np.ndarray) -> np.ndarray:
+    """(B, 4, 3) derivative of (k, δ) with respect to k where δ = r² − |k|² with r held."""
+    P = np.zeros(x.shape[:1] + (4, 3))
+    P[:, [0, 1, 2], [0, 1, 2]] = 1.0
+    P[:, 3] = -2.0 * x[:, :3]
+    return P
+
+
+def _newton_step_at_held_radius(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
+    """Newton step in k alone, by the chain rule through δ = r² − |k|²; halved until the objective does not grow."""
+    squared_radius = x[:, 3] + np.sum(x[:, :3] ** 2, axis=-1)
+    value, gradient, hessian = derivatives(problem, x)
+    P = _tangent(x)
+    reduced = P.swapaxes(-1, -2) @ hessian @ P - 2.0 * gradient[:, 3, None, None] * np.eye(3)
+    step = -solve(reduced, P.swapaxes(-1, -2) @ gradient[..., None])[..., 0]
+    for _ in range(30):
+        k = x[:, :3] + step
+        new = np.concatenate([k, (squared_radius - np.sum(k * k, axis=-1))[:, None]], axis=-1)
+        worse = objective(problem, new) > value * (1 + 1e-12)
+        if not worse.any():
+            break
+        step = np.where(worse[:, None], 0.5 * step, step)
+    return new
+
+
+class SphereModel:
+    """The sphere as a geometric model, parameters (a, b, c, r) in the cloud's frame."""
+
+    sample = 4
+
+    def __init__(self, held_radius: np.ndarray | None):
+        self.held_radius = held_radius
+        self.free = [0, 1, 2, 3] if held_radius is None else [0, 1, 2]
+
+    def held(self, x: np.ndarray) -> np.ndarray:
+        return x if self.held_radius is None else np.concatenate([x[:, :3], self.held_radius[:, None]], axis=-1)
+
+    @staticmethod
+    def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """``|p − k| − r``, from |p|² − 2p·k + |k|²: in a centred frame nothing is lost by that."""
+        k = x[..., :3]
+        squares = (-2.0 * k[..., None, :] @ points.swapaxes(-1, -2))[..., 0, :]
+        squares += np.einsum("...i,...i->...", k, k)[..., None] + np.einsum("...ni,...ni->...n", points, points)
+        np.maximum(squares, 0.0, out=squares)
+        return np.sqrt(squares, out=squares) - x[..., 3:]
+
+    @staticmethod
+    def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        normals = points - x[..., None, :3]
+        rho = np.sqrt(np.einsum("...ni,...ni->...n", normals, normals))
+        normals /= np.maximum(rho, np.finfo(float).tiny)[..., None]
+        J = np.empty(rho.shape[:-1] + (4, rho.shape[-1]))
+        np.negative(normals.swapaxes(-1, -2), out=J[..., :3, :])
+        J[..., 3, :] = -1.0
+        return rho - x[..., 3:], normals, J
+
+    @staticmethod
+    def algebraic(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Weighted algebraic least squares (Kåsa) from the moments of the points."""
+        rows = np.empty(points.shape[:-2] + (5, points.shape[-2]))
+        rows[..., :3, :] = 2.0 * points.swapaxes(-1, -2)
+        rows[..., 3, :] = 1.0
+        rows[..., 4, :] = np.einsum("...ni,...ni->...n", points, points)
+        N = (rows[..., :4, :] * weights[..., None, :]) @ rows.swapaxes(-1, -2)
+        return _with_radius(solve(N[..., :4], N[..., 4:])[..., 0])
+
+    @staticmethod
+    def through(samples: np.ndarray) -> np.ndarray:
+        """Spheres through four points (…, 4, 3): three differences of their equations give the centre."""
+        first, others = samples[..., :1, :], samples[..., 1:, :]
+        D = others - first
+        k = solve(2.0 * D, np.einsum("...ni,...ni->...n", D, D)[..., None])[..., 0]
+        radius = np.sqrt(np.einsum("...i,...i->...", k, k))
+        return np.concatenate([k + first[..., 0, :], radius[..., None]], axis=-1)
+
+
+def _with_radius(x: np.ndarray) -> np.ndarray:
+    """(k, r) from (k, δ); NaN without a real sphere."""
+    squared_radius = x[..., 3] + np.einsum("...i,...i->...", x[..., :3], x[..., :3])
+    radius = np.sqrt(np.where(squared_radius > 0, squared_radius, np.nan))
+    return np.concatenate([x[..., :3], radius[..., None]], axis=-1)
+
+
+@dataclass(frozen=True)
+class PointCofactors(IndependentRows):
+    """Cofactors of the rows (2D, 1, |D|²) that the cofactors Q of the points give them, to first order.
+
+    D : (B, 3, n); Q : (B, n) or (B, 1) variances, or (B, n, 3, 3). With dw = 2D·dp and d(2D) = 2dp the
+    misclosure for z has the cofactor ``4 gᵀQg`` with ``g = z_k + z_w D``; at z = (−k, −δ, 1) that is g = D − k.
+    """
+
+    D: np.ndarray
+    Q: np.ndarray
+
+    def _times(self, g: np.ndarray) -> np.ndarray:
+        """4Q g for g (B, 3, n)."""
+        if self.Q.ndim == 2:
+            return 4.0 * self.Q[:, None, :] * g
+        return 4.0 * np.einsum("bnij,bjn->bin", self.Q, g)
+
+    def misclosure(self, z: np.ndarray) -> np.ndarray:
+        g = z[:, :3, None] + z[:, 4, None, None] * self.D
+        return np.einsum("bin,bin->bn", g, self._times(g))
+
+    def column_cofactors(self, z: np.ndarray) -> np.ndarray:
+        product = self._times(z[:, :3, None] + z[:, 4, None, None] * self.D)
+        return np.concatenate([product, np.zeros_like(product[:, :1])], axis=1)
+
+    def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
+        weights = multipliers * t
+        QD = self._times(self.D)
+        total = np.zeros(weights.shape[:1] + (5, 5))
+        if self.Q.ndim == 2:
+            total[:, [0, 1, 2], [0, 1, 2]] = 4.0 * np.sum(weights * self.Q, axis=-1)[:, None]
+        else:
+            total[:, :3, :3] = 4.0 * np.einsum("bn,bnij->bij", weights, self.Q)
+        total[:, :3, 4] = total[:, 4, :3] = np.einsum("bn,bin->bi", weights, QD)
+        total[:, 4, 4] = np.einsum("bn,bin,bin->b", weights, QD, self.D)
+        return total
+
+    def __getitem__(self, keep) -> PointCofactors:
+        return PointCofactors(self.D[keep], self.Q[keep])
+
+
 # ------------------------------------------------------------------------- what the methods share
 
 
@@ -282,20 +474,24 @@ def _common_fit(cloud: Cloud, method: str, x: np.ndarray, printed: list[float], 
 
 
 def finished(cloud, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()) -> SphereFit:
-    """The result in m from x and its cofactor in the cloud's frame."""
+    """The result in m from x = (k, δ) and its cofactor in the cloud's frame."""
     parameters, J = geometry(cloud.origin, cloud.length, x)
+    if ended is None:
+        count = len(x)
+        ended = Ended((x,), np.zeros(count, dtype=int), np.ones(count, dtype=bool), np.full(count, CLOSED_FORM, dtype=object))
+    return _assembled(cloud, method, parameters, propagate(cofactor, J), sigma_0, ended, weights, history)
+
+
+def _assembled(cloud, method, parameters, cofactor, sigma_0, ended: Ended, weights=None, history=()) -> SphereFit:
     distances = np.empty(cloud.points.shape[:2])
     for piece in _pieces(cloud.points):
         D = cloud.points[:, piece] - parameters[:, None, :3]
         distances[:, piece] = np.sqrt(np.einsum("bni,bni->bn", D, D)) - parameters[:, None, 3]
-    count = len(x)
-    if ended is None:
-        ended = Ended((x,), np.zeros(count, dtype=int), np.ones(count, dtype=bool), np.full(count, CLOSED_FORM, dtype=object))
     imaginary = np.isnan(parameters[:, 3]) & ended.converged
     return SphereFit(
         method=method,
         parameters=parameters,
-        cofactor=propagate(cofactor, J),
+        cofactor=cofactor,
         sigma_0=sigma_0,
         distances=distances,
         weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,

@@ -70,6 +70,21 @@ def weight_array(weights, shape: tuple[int, ...], name: str = "weights") -> np.n
     return array
 
 
+def covariance_array(values, shape: tuple[int, ...], name: str) -> np.ndarray:
+    """Symmetric positive definite matrices that broadcast to ``shape`` = (…, n, d, d)."""
+    array = finite_array(values, name)
+    try:
+        array = np.broadcast_to(array, shape)
+    except ValueError:
+        raise ValueError(f"{name}: expected shape {shape} or {shape[-3:]}, got {array.shape}") from None
+    if not np.allclose(array, array.swapaxes(-1, -2), rtol=1e-9, atol=0.0):
+        raise ValueError(f"{name}: expected symmetric matrices, got some that are not")
+    smallest = np.linalg.eigvalsh(array)[..., 0].min()
+    if not smallest > 0:
+        raise ValueError(f"{name}: expected positive definite matrices, got a smallest eigenvalue of {smallest:.3g}")
+    return array
+
+
 def positive(value, name: str) -> float:
     """``value`` as a positive finite float.
 

@@ -188,11 +188,11 @@ def schaffrin_wieser_step(problem: EIVProblem, x: np.ndarray, weights: np.ndarra
     return solve(N[..., :m], N[..., m:])[..., 0]
 
 
-def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """One Newton step on ``Φ = rᵀS⁻¹r`` with its exact Hessian; a Schaffrin-Wieser step where Φ would not fall.
+def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``Φ = rᵀS⁻¹r`` with half its gradient (…, m) and half its exact Hessian (…, m, m).
 
-    ``∇Φ = −2 (A − Ẽ)ᵀ λ`` and ``½∇²Φ = BᵀS⁻¹B − V`` with ``B = A − slope``, ``V = Σ λ² Q``.
-    Far from the solution the Hessian need not be positive definite.
+    ``½∇Φ = −(A − Ẽ)ᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``λ = S⁻¹r``, ``B = A − slope``, ``V = Σ λ² Q``.
+    Source: Fang 2013, for independent rows; the slope is that of S in full.
     """
     m = problem.parameters
     cofactors = problem.cofactors
@@ -200,12 +200,21 @@ def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     s = cofactors.misclosure(z)
     multipliers = cofactors.weigh(s, r[..., None, :])[..., 0, :]
     columns = problem.rows[..., :m, :]
-    gradient = -((columns - cofactors.errors(z, multipliers)) @ multipliers[..., None])
+    gradient = -((columns - cofactors.errors(z, multipliers)) @ multipliers[..., None])[..., 0]
     B = columns - cofactors.slope(z, multipliers)
     hessian = cofactors.weigh(s, B) @ B.swapaxes(-1, -2)
     hessian -= cofactors.weighted_sum(multipliers, multipliers)[..., :m, :m]
-    new = x - solve(hessian, gradient)[..., 0]
-    worse = ~(objective(problem, new) <= np.sum(multipliers * r, axis=-1) * (1 + 1e-12))
+    return np.sum(multipliers * r, axis=-1), gradient, hessian
+
+
+def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
+    """One Newton step with the exact Hessian; a Schaffrin-Wieser step where Φ would not fall.
+
+    Far from the solution the Hessian need not be positive definite.
+    """
+    value, gradient, hessian = derivatives(problem, x)
+    new = x - solve(hessian, gradient[..., None])[..., 0]
+    worse = ~(objective(problem, new) <= value * (1 + 1e-12))
     if np.any(worse):
         new = np.where(worse[..., None], schaffrin_wieser_step(problem, x), new)
     return new

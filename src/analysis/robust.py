@@ -1,0 +1,272 @@
+"""Orthogonal-distance adjustment of any geometric model, and the high-breakdown robust fit around it.
+
+A geometric model gives, for parameters x and points p, the orthogonal distances d, their normals
+n = ∂d/∂p and their Jacobian J = ∂d/∂x, and a quick algebraic fit with weights. From these alone
+come :func:`geometric`, the Gauss-Helmert adjustment with any point cofactors, and :func:`robust`, which
+are the same for every geometry:
+
+1. least trimmed squares from elemental samples finds the half of the points that lie closest to one
+   surface, whatever the other half does (Rousseeuw & Van Driessen 2006);
+2. from there Gauss-Newton steps with IGG III weights on standardised residuals. The weights do not
+   accumulate, and the scale is that of the points in use, made consistent at the normal law, so
+   rejected points, however many and far, neither widen nor mask it.
+
+A cloud hands over its ``model``, its points and cofactors ``in_frame()``, a ``start()``, and makes a ``fit``
+of the result. All arrays are stacks (B, …) in the cloud's frame, which is centred and scaled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+from scipy.stats import norm
+
+from .accuracy import cofactor_from_normal, solve
+from .validation import positive
+from .weights import IGG3, WeightFunction
+from .wtls import Ended, iterate
+
+SAMPLES = 300  # elemental samples: with half of the points bad, about 19 of 300 four-point samples are clean
+SCREENED = 128  # points on which the samples are compared first
+CANDIDATES = 8  # samples that are followed by concentration steps on the whole subset
+SUBSET = 600  # points the start looks at; more would only make it slower
+TOLERANCE = 1e-12  # of a step, in the frame's unit
+STALLED = 1e-9  # a step below this that no longer shrinks is rounding
+SETTLED = 1e-10  # relative change of the scale
+ROUNDING = 1e-14  # distances below this, in the frame's unit, are rounding and no reason to lose weight
+SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
+
+
+class GeometricModel(Protocol):
+    """What a geometry must supply; x (…, t), points (…, n, dim)."""
+
+    free: list[int]  # the parameters to be estimated; the others are held
+    sample: int  # points that determine one surface
+
+    def distances(self, x, points): ...  # (…, n)
+
+    def linearised(self, x, points): ...  # distances (…, n), normals (…, n, dim), Jacobian (…, t, n)
+
+    def algebraic(self, points, weights): ...  # x (…, t) of a weighted algebraic fit
+
+    def held(self, x): ...  # x with the parameters that are not free put in
+
+    def through(self, samples): ...  # x (…, t) through `sample` points (…, sample, dim), NaN where there is none
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of a stack in the caller's frame with their cofactors.
+
+    D : (B, n, dim); cofactors : (B, n) or (B, 1) variances of isotropic points, or (B, n, dim, dim)
+    """
+
+    D: np.ndarray
+    cofactors: np.ndarray
+
+    def __getitem__(self, keep) -> Points:
+        return Points(self.D[keep], self.cofactors[keep])
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """Result of an adjustment in the caller's frame.
+
+    x (B, t); cofactor (B, t, t) with zeros for held parameters; sigma (B,) standard deviation at cofactor 1;
+    weights (B, n); ended.
+    """
+
+    x: np.ndarray
+    cofactor: np.ndarray
+    sigma: np.ndarray
+    weights: np.ndarray
+    ended: Ended
+
+
+def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100):
+    """Weighted orthogonal distance fit ``min Σ eᵀQ⁻¹e`` over the errors e of the points, by Gauss-Helmert.
+
+    With equal isotropic cofactors this is ``min Σ d²``. Independent of the origin; a parameter may be held.
+    σ0 = √(Σeᵀ Q⁻¹e/(n − t)): in m without cofactors, else relative to them.
+
+    bias_correction : take off the bias of second order that equal isotropic noise leaves in the free
+        parameters (for a sphere σ̂0²/r of the radius)
+
+    Source: Pope 1972; Neitzel 2010.
+    """
+    adjusted = _adjust(cloud.model, Points(*cloud.in_frame()), cloud.start(), None, None, max_iterations)
+    if bias_correction:
+        adjusted = replace(adjusted, x=adjusted.x - cloud.bias(adjusted.x, adjusted.sigma))
+    return cloud.fit("geometric", adjusted)
+
+
+def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 5.0, max_iterations: int = 300):
+    """High-breakdown orthogonal distance fit with honest covariance: the default, and what to use on real scans.
+
+    Least trimmed squares start, then IGG III weights on residuals standardised by their redundancy, to a
+    fixed point of parameters, weights and scale. Nothing has to be known of the noise or of the share of
+    gross errors, up to nearly half. σ0 is the scale of the points in use: in m without cofactors, else
+    relative to them; the cofactor holds the M-estimator's factor ``E[ψ²]/E[ψ′]²``.
+
+    seed : of the elemental samples; the result depends on it only if the start ends at another surface
+    k0, k1 : thresholds of the final weights; 2.5 and 5 are 99 % efficient at the normal law
+
+    Source: Rousseeuw & Van Driessen 2006 (start); Yang, Song & Xu 2002 (IGG III); Huber 1981, section 7.6
+    (covariance).
+    """
+    function = IGG3(positive(k0, "k0"), positive(k1, "k1"), 1)
+    model, points = cloud.model, Points(*cloud.in_frame())
+    x, spread = least_trimmed_squares(model, points.D, seed)
+    x = model.held(x)
+    variances = _linearised(model, x, points)[2]
+    sigma = spread / np.sqrt(np.mean(np.broadcast_to(variances, points.D.shape[:2]), axis=-1))
+    return cloud.fit("robust", _adjust(model, points, x, sigma, function, max_iterations))
+
+
+def _adjust(model, points: Points, x, sigma, function: WeightFunction | None, max_iterations: int) -> Adjusted:
+    count, n = points.D.shape[:2]
+    t = len(model.free)
+
+    def advance(points: Points, state):
+        x, sigma, last, weights, leverage = state
+        f, J, variances = _linearised(model, x, points)
+        squares = f * f / variances
+        if function is not None:
+            # Leverage and scale lag by one step; at the fixed point they belong to these residuals.
+            spread = sigma[:, None] * np.sqrt(np.maximum(1.0 - leverage, SMALLEST_REDUNDANCY))
+            weights = function.weight(np.sqrt(squares) / np.maximum(spread, ROUNDING / np.sqrt(variances)))
+            sigma, before = _scale(squares, weights, function, t), sigma
+        W = weights / variances
+        N = (J * W[:, None, :]) @ J.swapaxes(-1, -2)
+        step = -solve(N, J @ (W * f)[..., None])[..., 0]
+        length = np.linalg.norm(step, axis=-1)
+        lost = ~np.isfinite(length + sigma)
+        small = length <= TOLERANCE
+        stalled = (length >= last) & (length <= STALLED)
+        if function is not None:
+            leverage = W * np.einsum("btn,btn->bn", J, solve(N, J))
+            # The scale of exact points is rounding and never settles.
+            settled = np.abs(sigma - before) <= np.maximum(SETTLED * sigma, ROUNDING / np.sqrt(variances.min(axis=-1)))
+            small, stalled = small & settled, stalled & settled
+        new = x.copy()
+        new[:, model.free] += step
+        new[lost] = x[lost]
+        return (new, sigma, length, weights, leverage), np.select([lost, small, stalled], [1, 2, 3], 0)
+
+    ones, zeros = np.ones((count, n)), np.zeros((count, n))
+    start = (x, np.zeros(count) if sigma is None else sigma, np.full(count, np.inf), ones, zeros)
+    endings = [
+        (False, "not converged: the normal equations became singular"),
+        (True, "the parameters stand still" if function is None else "parameters and scale stand still"),
+        (True, "the step reached rounding level"),
+    ]
+    ended = iterate(points, start, advance, endings, max_iterations)
+    x, _, _, weights, _ = ended.state
+    f, J, variances = _linearised(model, x, points)
+    N = (J * (weights / variances)[:, None, :]) @ J.swapaxes(-1, -2)
+    # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
+    factor = 1.0 if function is None else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
+    cofactor = np.zeros((count, x.shape[-1], x.shape[-1]))
+    cofactor[:, np.array(model.free)[:, None], model.free] = factor * cofactor_from_normal(N)
+    return Adjusted(x, cofactor, _scale(f * f / variances, weights, function, t), weights, ended)
+
+
+def _linearised(model, x: np.ndarray, points: Points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Misclosures f (B, n), Jacobian (B, t free, n) and the variances of f (B, n).
+
+    Isotropic points: the distances themselves. Otherwise everything is taken at the adjusted points
+    ``p̃ = p − Q n f/(nᵀQn)``, found by repetition, and ``f = d(p̃) + nᵀ(p − p̃)`` (Pope 1972).
+    """
+    if points.cofactors.ndim == 2:
+        d, _, J = model.linearised(x, points.D)
+        return d, J[:, model.free], points.cofactors
+    f, normals, J = model.linearised(x, points.D)
+    for _ in range(8):
+        Qn = np.einsum("bnij,bnj->bni", points.cofactors, normals)
+        variances = np.einsum("bni,bni->bn", normals, Qn)
+        correction = Qn * (f / variances)[..., None]
+        d, normals, J = model.linearised(x, points.D - correction)
+        new = d + np.einsum("bni,bni->bn", normals, correction)
+        settled = np.max(np.abs(new - f), initial=0.0) <= 1e-14
+        f = new
+        if settled:
+            break
+    Qn = np.einsum("bnij,bnj->bni", points.cofactors, normals)
+    return f, J[:, model.free], np.einsum("bni,bni->bn", normals, Qn)
+
+
+def _scale(squares: np.ndarray, weights: np.ndarray, function: WeightFunction | None, t: int) -> np.ndarray:
+    """σ̂ (B,): ``σ̂² = Σω f²/v / (κ Σω) · n'/(n' − t)``, n' = Σω/E[ω] points in use; κ = E[ωu²]/E[ω] makes it consistent.
+
+    NaN without redundancy, but for a robust fit, which could not go on from there, no correction for it.
+    """
+    total = np.sum(weights, axis=-1)
+    kappa, in_use = (1.0, total) if function is None else (function.consistency_factor, total / function.mean_weight)
+    redundancy = np.where(in_use > t, in_use - t, np.nan if function is None else in_use)
+    return np.sqrt(np.sum(weights * squares, axis=-1) / (kappa * total) * in_use / redundancy)
+
+
+# --------------------------------------------------------------------------- the start
+
+
+def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Surface with the least sum of the h = (n + t + 1)/2 smallest squared distances, and its consistent scale.
+
+    Elemental samples, the best followed by concentration steps (fit, keep the h closest, fit again). The
+    samples are drawn from the points in an order of their own, so they do not depend on the order given.
+    All points are treated alike: a small cofactor does not make a point a good one.
+    Returns x (B, t) and the spread of the distances (B,) as a standard deviation.
+    """
+    generator = np.random.default_rng(seed)
+    D = _in_canonical_order(D)
+    n = D.shape[1]
+    if n > SUBSET:
+        D = D[:, generator.permutation(n)[:SUBSET]]
+        n = SUBSET
+    h = (n + len(model.free) + 1) // 2
+    draws = np.argsort(generator.uniform(size=(SAMPLES, n)), axis=-1)[:, : model.sample]
+    x = model.through(D[:, draws])  # (B, S, t)
+    screened = D[:, generator.permutation(n)[:SCREENED]]
+    cost = _trimmed(model, x, screened[:, None], max(h * screened.shape[1] // n, 1))
+    best = np.argsort(cost, axis=-1)[:, :CANDIDATES]
+    x = np.take_along_axis(x, best[..., None], axis=1)
+    for _ in range(4):
+        x = _concentrated(model, x, D[:, None], h)
+    best = np.argmin(_trimmed(model, x, D[:, None], h), axis=-1)
+    x = np.take_along_axis(x, best[:, None, None], axis=1)[:, 0]
+    for _ in range(20):
+        x = _concentrated(model, x, D, h)
+    sigma = np.sqrt(_trimmed(model, x, D, h) / h / _trimmed_variance(h / n))
+    return x, sigma
+
+
+def _in_canonical_order(D: np.ndarray) -> np.ndarray:
+    """The points of each cloud sorted along a fixed oblique direction."""
+    direction = np.sqrt([2.0, 3.0, 5.0])[: D.shape[-1]]
+    return np.take_along_axis(D, np.argsort(D @ direction, axis=-1)[..., None], axis=-2)
+
+
+def _trimmed(model, x, D, h: int) -> np.ndarray:
+    """Sum of the h smallest squared distances; infinite where there is no surface."""
+    squares = model.distances(x, D) ** 2
+    squares[np.isnan(squares)] = np.inf
+    return np.sum(np.partition(squares, h - 1, axis=-1)[..., :h], axis=-1)
+
+
+def _concentrated(model, x, D, h: int) -> np.ndarray:
+    """One concentration step: the fit to the h closest points. It never increases the trimmed sum of the fit's own criterion."""
+    distances = np.abs(model.distances(x, D))
+    distances[np.isnan(distances)] = np.inf
+    limit = np.partition(distances, h - 1, axis=-1)[..., h - 1 : h]
+    new = model.algebraic(D, (distances <= limit).astype(float))
+    return np.where(np.isfinite(new).all(axis=-1, keepdims=True), new, x)
+
+
+@cache
+def _trimmed_variance(share: float) -> float:
+    """Mean of u² over the ``share`` of a standard normal sample that is closest to 0."""
+    limit = norm.ppf(0.5 * (1.0 + share))
+    return 1.0 - 2.0 * limit * norm.pdf(limit) / share
