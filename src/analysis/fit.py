@@ -104,6 +104,6 @@ def warn_if_not_converged(fit: Fit) -> None:
     if failed.any():
         reason = np.atleast_1d(fit.stop_reason).ravel()[failed][0]
         count = "" if failed.size == 1 else f"{failed.sum()} of {failed.size} fits: "
-        warnings.warn(f"{fit.method}: {count}{reason}", ConvergenceWarning, stacklevel=4)
+        warnings.warn(f"{fit.method}: {count}{reason}", ConvergenceWarning, stacklevel=3)
 
 

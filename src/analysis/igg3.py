@@ -15,7 +15,7 @@ from .accuracy import rms, solve, unit_weight_sd
 from .eiv import EIVProblem
 from .fit import Iteration
 from .sphere import PARAMETERS, Cloud, SphereFit, finished, geometry, printed_problem
-from .validation import one_of, positive
+from .validation import one_of, positive, whole_number
 from .weights import IGG3
 from .wtls import gauss_newton_cofactor, iterate, misclosures, objective, schaffrin_wieser_step
 
@@ -63,8 +63,9 @@ def igg3_wtls(
     tolerance = positive(tolerance, "tolerance")
     base = positive(unit_weight, "unit_weight")
     one_of(start, ("Q_Y", "P_Y"), "start")
-    if history and len(cloud.points) > 1:
-        raise ValueError(f"history: expected a single cloud, got a stack of {len(cloud.points)}")
+    whole_number(max_iterations, "max_iterations")
+    if history and cloud.first is not None:
+        raise ValueError("history: expected a single cloud, got a stack")
 
     problem = printed_problem(cloud, base)
     # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
@@ -81,7 +82,7 @@ def igg3_wtls(
         sigma = estimate_scale(printed, new, distances, weights, function)
         factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
         moved = printed.step(new - x)
-        lost = ~np.isfinite(moved + sigma)
+        lost = ~np.isfinite(moved + sigma) | (np.count_nonzero(weights, axis=-1) < PARAMETERS)
         if history:
             parameters, _ = geometry(printed.origin, printed.length, new)
             iterations.append(Iteration(parameters[0], sigma[0] * printed.length[0], weights[0]))

@@ -101,7 +101,8 @@ def fit_sphere(points, method: str = "robust", *, radius=None, cofactors=None, w
     flat = points.reshape((-1, n, 3))
     fits = []
     for part in pieces(len(flat), max(1, chosen.block // n)):
-        cloud = sphere.reduce(flat[part], **{name: None if array is None else array[part] for name, array in given.items()})
+        its_own = {name: None if array is None else array[part] for name, array in given.items()}
+        cloud = sphere.reduce(flat[part], **its_own, first=part.start if lead else None)
         fits.append(chosen.function(cloud, **method_options))
     fit = joined(fits, lead)
     warn_if_not_converged(fit)

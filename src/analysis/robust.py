@@ -25,7 +25,7 @@ import numpy as np
 from scipy.stats import norm
 
 from .accuracy import cofactor_from_normal, solve
-from .validation import positive
+from .validation import positive, whole_number
 from .weights import IGG3, WeightFunction
 from .wtls import Ended, iterate
 
@@ -97,6 +97,7 @@ def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100
 
     Source: Pope 1972; Neitzel 2010.
     """
+    whole_number(max_iterations, "max_iterations")
     adjusted = _adjust(cloud.model, Points(*cloud.in_frame()), cloud.start(), None, None, max_iterations)
     if bias_correction:
         adjusted = replace(adjusted, x=adjusted.x - cloud.bias(adjusted.x, adjusted.sigma))
@@ -118,6 +119,7 @@ def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 5.0, max_iterat
     (covariance).
     """
     function = IGG3(positive(k0, "k0"), positive(k1, "k1"), 1)
+    whole_number(max_iterations, "max_iterations")
     model, points = cloud.model, Points(*cloud.in_frame())
     x, spread = least_trimmed_squares(model, points.D, seed)
     x = model.held(x)
@@ -268,5 +270,7 @@ def _concentrated(model, x, D, h: int) -> np.ndarray:
 @cache
 def _trimmed_variance(share: float) -> float:
     """Mean of u² over the ``share`` of a standard normal sample that is closest to 0."""
+    if share >= 1.0:
+        return 1.0
     limit = norm.ppf(0.5 * (1.0 + share))
     return 1.0 - 2.0 * limit * norm.pdf(limit) / share

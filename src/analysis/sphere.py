@@ -21,7 +21,7 @@ import numpy as np
 from .accuracy import cofactor_from_factor, propagate, solve, unit_weight_sd
 from .eiv import CommonCofactors, EIVProblem, IndependentRows
 from .fit import Fit
-from .validation import BLOCK, pieces, positive
+from .validation import BLOCK, pieces, positive, whole_number
 from .wtls import (
     Ended,
     derivatives,
@@ -64,6 +64,7 @@ class Cloud:
     weights : (B, n) a-priori weights, or None for ones
     cofactors : (B, n, 3, 3) of the points, or None when they are isotropic (then weights say all)
     held_radius : (B,) in m, or None for a free radius
+    first : index of the first of these clouds in the whole stack, or None where one cloud is all there is
     origin : (B, 3) centroid; length : (B,) a power of two near the RMS extent, so that dividing by it is exact
     factor : (B, 5, 5) triangular factor of the weighted rows ``(2D, 1, |D|²)``
     """
@@ -72,6 +73,7 @@ class Cloud:
     weights: np.ndarray | None
     cofactors: np.ndarray | None
     held_radius: np.ndarray | None
+    first: int | None
     origin: np.ndarray
     length: np.ndarray
     factor: np.ndarray
@@ -124,7 +126,7 @@ class Cloud:
         return _rows(self.points, self.origin, self.length)
 
 
-def reduce(points: np.ndarray, weights=None, cofactors=None, held_radius=None) -> Cloud:
+def reduce(points: np.ndarray, weights=None, cofactors=None, held_radius=None, first: int | None = None) -> Cloud:
     """Centre, scale and factorise a stack ``(B, n, 3)``; the arguments as the fields of :class:`Cloud`.
 
     Raises ``ValueError`` when the points of a cloud lie in a plane (so also on a circle, on a line
@@ -138,7 +140,7 @@ def reduce(points: np.ndarray, weights=None, cofactors=None, held_radius=None) -
         D = points[:, piece] - origin[:, None, :]
         squares += np.einsum("bni,bni->b", D, D)
     length = np.exp2(np.round(0.5 * np.log2(np.maximum(squares / n, np.finfo(float).tiny))))
-    cloud = Cloud(points, weights, cofactors, held_radius, origin, length, _factor(points, weights, origin, length))
+    cloud = Cloud(points, weights, cofactors, held_radius, first, origin, length, _factor(points, weights, origin, length))
     _require_a_sphere(cloud)
     return cloud
 
@@ -181,10 +183,10 @@ def _require_a_sphere(cloud: Cloud) -> None:
     rounding = 16 * np.sqrt(cloud.count) * np.finfo(float).eps * largest * weight
     flat = extents[:, 2] <= np.maximum(rounding, 1e-8 * extents[:, 0])
     if flat.any():
-        first = int(np.flatnonzero(flat)[0])
-        rank = int(np.count_nonzero(extents[first] > max(np.broadcast_to(rounding, flat.shape)[first], 1e-8 * extents[first, 0])))
+        bad = int(np.flatnonzero(flat)[0])
+        rank = int(np.count_nonzero(extents[bad] > max(np.broadcast_to(rounding, flat.shape)[bad], 1e-8 * extents[bad, 0])))
         shape = ("all at one place", "on one line", "in one plane (or on one circle)")[rank]
-        where = "" if len(flat) == 1 else f" in cloud {first} of the stack"
+        where = "" if cloud.first is None else f" in cloud {cloud.first + bad} of the stack"
         raise ValueError(f"points: expected points that determine a sphere, got points {shape}{where}")
 
 
@@ -269,6 +271,7 @@ def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, ma
 
     Source: Ou & Liu 2017, eqs. (8)-(12), (16)-(18); Schaffrin & Wieser 2008.
     """
+    whole_number(max_iterations, "max_iterations")
     problem = printed_problem(cloud, positive(unit_weight, "unit_weight"))
     x, ended = solved(problem, cloud.least_squares(), schaffrin_wieser_step, positive(tolerance, "tolerance"), max_iterations)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
@@ -284,6 +287,7 @@ def eiv(cloud: Cloud, *, max_iterations: int = 100) -> SphereFit:
 
     Source: Fang 2013; Ou & Liu 2017, eq. (3), with the correlation of w and p that it leaves out.
     """
+    whole_number(max_iterations, "max_iterations")
     D, Q = cloud.in_frame()
     problem = EIVProblem(cloud.rows(), PointCofactors(D.swapaxes(-1, -2), Q))
     x = cloud.least_squares()
@@ -434,8 +438,8 @@ def printed_problem(cloud: Cloud, unit_weight: float) -> EIVProblem:
     Q_X = np.full((len(cloud.points), 1), 1.0) if cloud.weights is None else 1.0 / cloud.weights
     Q_X = Q_X / unit_weight
     w = np.einsum("bni,bni->bn", cloud.points, cloud.points)
-    # Q_Y = w Q_X is zero for a point in the origin of the coordinates; its weight 1/Q_Y is asked for at the start only.
-    Q_Y = np.maximum(w, np.finfo(float).tiny) * Q_X / cloud.length[:, None] ** 4
+    # A point in the origin of the coordinates has Q_Y = w Q_X = 0 and P_Y without bound, which no solution survives.
+    Q_Y = np.maximum(w, 1e-9 * w.max(axis=-1, keepdims=True)) * Q_X / cloud.length[:, None] ** 4
     return EIVProblem(cloud.rows(), CommonCofactors(_common_cofactors(cloud, [1, 1, 1, 0, 0]), Q_X, Q_Y))
 
 

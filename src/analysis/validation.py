@@ -102,6 +102,19 @@ def positive(value, name: str) -> float:
     return number
 
 
+def whole_number(value, name: str) -> int:
+    """``value`` as a positive whole number.
+
+    >>> whole_number(2.5, "max_iterations")
+    Traceback (most recent call last):
+        ...
+    ValueError: max_iterations: expected a positive whole number, got 2.5
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise ValueError(f"{name}: expected a positive whole number, got {value!r}")
+    return int(value)
+
+
 def one_of(value, known, name: str):
     """``value`` if it is among ``known``, else an error that lists them."""
     if value not in known:

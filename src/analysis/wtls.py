@@ -14,9 +14,9 @@ import numpy as np
 
 from .accuracy import cofactor_from_factor, cofactor_from_normal, solve, unit_weight_sd
 from .eiv import CommonCofactors, DenseCofactors, EIVProblem, RowCofactors
-from .validation import finite_array, one_of, pieces, positive, weight_array
+from .validation import finite_array, one_of, pieces, positive, weight_array, whole_number
 
-ROUNDING = 1e-8  # relative step below which a step that no longer shrinks is rounding and not divergence
+ROUNDING = 1e-11  # relative step below which a step that no longer shrinks is rounding and not divergence
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
     """
     rows = _rows(A, y)
     m = rows.shape[-2] - 1
-    exact = [one_of(int(column) % m if -m <= column < m else column, range(m), "exact_columns") for column in exact_columns]
+    exact = [one_of(column, range(-m, m), "exact_columns") % m for column in exact_columns]
     if len(set(exact)) != len(exact):
         raise ValueError(f"exact_columns: expected distinct columns, got {list(exact_columns)}")
     noisy = [column for column in range(m) if column not in exact]
@@ -171,7 +171,8 @@ def misclosures(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 def schaffrin_wieser_step(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0, known=None) -> np.ndarray:
     """One step ``x⁺ = (AᵀWA − V)⁻¹ (AᵀWy − v)`` from x; robust ``weights`` ω ≥ 0 act on whole rows.
 
-    ``W = ω/s``, ``t = r/s`` and ``[V v] = Σ ω t² Q_i`` (for the Kronecker form V = ν Q_0). Nothing is
+    ``W = ω/s``, ``t = r/s`` and ``[V v] = Σ ω t² Q_i`` (for the Kronecker form V = ν Q_0). Computed as the
+    increment ``(AᵀWA − V)⁻¹ (AᵀWr + Vx − v)``, which is the same and loses less to rounding. Nothing is
     divided by ω, so a weight of zero takes its row out and leaves no NaN behind. ``known`` are the
     :func:`misclosures` at x where a caller has them already.
 
@@ -183,9 +184,11 @@ def schaffrin_wieser_step(problem: EIVProblem, x: np.ndarray, weights: np.ndarra
     z, r = known or misclosures(problem, x)
     s = cofactors.misclosure(z)
     t = cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    N = cofactors.weigh(s, problem.rows[..., :m, :], weights) @ problem.rows.swapaxes(-1, -2)
-    N -= cofactors.weighted_sum(weights * t, t)[..., :m, :]
-    return solve(N[..., :m], N[..., m:])[..., 0]
+    columns = problem.rows[..., :m, :]
+    weighed = cofactors.weigh(s, columns, weights)
+    V = cofactors.weighted_sum(weights * t, t)[..., :m, :]
+    right = weighed @ r[..., None] - V @ z[..., None]
+    return x + solve(weighed @ columns.swapaxes(-1, -2) - V[..., :m], right)[..., 0]
 
 
 def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -305,7 +308,8 @@ def solved(problem: EIVProblem, x: np.ndarray, step: Callable, tolerance: float,
         (True, f"the relative step fell below {tolerance:g}"),
         (True, "the step reached rounding level"),
     ]
-    ended = iterate(problem, (x, np.full(len(x), np.inf)), advance, endings, max_iterations)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a lost problem is reported by its ending
+        ended = iterate(problem, (x, np.full(len(x), np.inf)), advance, endings, max_iterations)
     return ended.state[0], ended
 
 
@@ -354,8 +358,11 @@ def wtls(
     """
     step = STEPS[one_of(algorithm, STEPS, "algorithm")]
     tolerance = positive(tolerance, "tolerance")
+    whole_number(max_iterations, "max_iterations")
     rows = _rows(A, y)
     cofactors = _cofactors(rows.shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors)
+    if isinstance(cofactors, DenseCofactors) and rows.ndim > 2:
+        raise ValueError(f"A: expected one problem (n, m) with full cofactor matrices, got a stack of shape {np.shape(A)}")
     n, m = rows.shape[-1], rows.shape[-2] - 1
     # Orthonormal columns make every later system well conditioned: A x = (A R⁻¹)(R x).
     R = triangular_factor(_weighted_blocks(rows, None))
@@ -366,10 +373,9 @@ def wtls(
     L[..., m, m] = 1.0
     problem = EIVProblem(L @ rows, cofactors.transformed(L))
     start = R[..., :m, m]  # least squares
+    _require_errors(problem, start)
 
     if isinstance(cofactors, DenseCofactors):
-        if rows.ndim > 2:
-            raise ValueError(f"A: expected one problem (n, m) with full cofactor matrices, got a stack of shape {np.shape(A)}")
         lead = ()
         scaled, ended = solved(problem, start[None], lambda one, x: step(one, x[0])[None], tolerance, max_iterations)
     else:
@@ -420,6 +426,14 @@ def _require_full_rank(R: np.ndarray) -> None:
         raise ValueError(f"A: expected independent columns, got a smallest singular value of {smallest.min():.1g} after scaling to unit columns")
 
 
+def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
+    """Every misclosure must have a variance: rows without any error cannot all be met."""
+    s = problem.cofactors.misclosure(misclosures(problem, x)[0])
+    variances = np.diagonal(s) if isinstance(problem.cofactors, DenseCofactors) else s
+    if not (variances > 0).all():
+        raise ValueError(f"cofactors: expected an error in every row, got rows whose misclosure has a variance of {variances.min():.3g}")
+
+
 def _cofactors(shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors) -> CommonCofactors | RowCofactors | DenseCofactors:
     """The structure that the given cofactors have, for rows of ``shape`` (…, m+1, n)."""
     *lead, columns, n = shape
@@ -467,4 +481,7 @@ def _symmetric(values, shapes: list[tuple[int, ...]], name: str) -> np.ndarray:
     transposed = array.swapaxes(-1, -2)
     if not np.allclose(array, transposed, rtol=1e-9, atol=1e-12 * np.abs(array).max(initial=0.0)):
         raise ValueError(f"{name}: expected symmetric matrices, got a difference of {np.abs(array - transposed).max():.3g} to the transpose")
+    smallest = np.diagonal(array, axis1=-2, axis2=-1).min()
+    if smallest < 0:
+        raise ValueError(f"{name}: expected variances of at least 0 on the diagonal, got {smallest:g}")
     return array
