@@ -29,7 +29,8 @@ class Fit:
 
     method : name of the method
     parameters : (…, t)
-    cofactor : (…, t, t) unscaled covariance of the parameters; ``covariance = sigma_0² · cofactor``
+    cofactor : (…, t, t) unscaled covariance of the parameters; ``covariance = sigma_0² · cofactor``, or the
+        cofactor itself where the cofactors of the points were ``absolute`` variances
     sigma_0 : (…) unit-weight standard deviation in the unit of the method's own residuals, so
         comparable only within a method
     distances : (…, n) signed orthogonal distances of the points in m, positive outside
@@ -48,14 +49,15 @@ class Fit:
     converged: bool | np.ndarray
     stop_reason: str | np.ndarray
     history: tuple[Iteration, ...] = ()
+    absolute: bool = False
 
     NAMES = ()  # of the parameters, set by each geometry
     PER_STACK = ("parameters", "cofactor", "sigma_0", "distances", "weights", "iterations", "converged", "stop_reason")
 
     @property
     def covariance(self) -> np.ndarray:
-        """``sigma_0² · cofactor``, (…, t, t)."""
-        return np.asarray(self.sigma_0)[..., None, None] ** 2 * self.cofactor
+        """``sigma_0² · cofactor``, (…, t, t); the cofactor itself where it is absolute."""
+        return self.cofactor if self.absolute else np.asarray(self.sigma_0)[..., None, None] ** 2 * self.cofactor
 
     @property
     def standard_deviations(self) -> np.ndarray:
@@ -86,7 +88,7 @@ class Fit:
         return f"{type(self).__name__}(method={self.method!r}, {values}, {used}; {self.stop_reason})"
 
 
-def joined(fits: list[Fit], lead: tuple[int, ...]) -> Fit:
+def joined(fits: list[Fit], lead: tuple[int, ...], absolute: bool = False) -> Fit:
     """Fits of consecutive parts of a flattened stack as one fit with leading axes ``lead``, its arrays read-only."""
     arrays = {}
     for name in Fit.PER_STACK:
@@ -95,7 +97,7 @@ def joined(fits: list[Fit], lead: tuple[int, ...]) -> Fit:
         array = array.reshape(lead + array.shape[1:])
         array.flags.writeable = False
         arrays[name] = array[()]
-    return replace(fits[0], **arrays)
+    return replace(fits[0], absolute=absolute, **arrays)
 
 
 def warn_if_not_converged(fit: Fit) -> None:

@@ -50,7 +50,17 @@ SPHERE_METHODS: dict[str, Method] = {
 }
 
 
-def fit_sphere(points, method: str = "robust", *, radius=None, cofactors=None, weights=None, seed: int = 0, **method_options) -> sphere.SphereFit:
+def fit_sphere(
+    points,
+    method: str = "robust",
+    *,
+    radius=None,
+    cofactors=None,
+    weights=None,
+    absolute: bool = False,
+    seed: int = 0,
+    **method_options,
+) -> sphere.SphereFit:
     """Fit a sphere to each cloud of a stack.
 
     Parameters
@@ -61,6 +71,8 @@ def fit_sphere(points, method: str = "robust", *, radius=None, cofactors=None, w
     cofactors : (n,) or (…, n) variances of the points, each the same in x, y, z; or, for the same methods,
         (n, 3, 3) or (…, n, 3, 3) covariances. None for equal ones.
     weights : (n,) or (…, n) positive a-priori weights, the inverse of variances, or None for ones.
+    absolute : True says that the cofactors are variances in m² and not only in proportion; the covariance is
+        then not scaled by σ0 (same methods).
     seed : of the samples that ``robust`` starts from; the other methods draw nothing.
     method_options : keywords of the method, described with its ``function`` in ``SPHERE_METHODS``.
 
@@ -87,10 +99,12 @@ def fit_sphere(points, method: str = "robust", *, radius=None, cofactors=None, w
         if weights is not None:
             raise ValueError("weights: expected None beside full cofactors, which say all, got both")
         full, cofactors = covariance_array(cofactors, lead + (n, 3, 3), "cofactors"), None
-    if not chosen.consistent and (full is not None or radius is not None):
-        able = ", ".join(name for name, one in SPHERE_METHODS.items() if one.consistent)
-        what = "full cofactors" if full is not None else "a held radius"
-        raise ValueError(f"method: expected one of {able} with {what}, got {method!r}")
+    if absolute and full is None and cofactors is None:
+        raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
+    for what, asked in {"full cofactors": full is not None, "a held radius": radius is not None, "absolute cofactors": absolute}.items():
+        if asked and not chosen.consistent:
+            able = ", ".join(name for name, one in SPHERE_METHODS.items() if one.consistent)
+            raise ValueError(f"method: expected one of {able} with {what}, got {method!r}")
     given = {
         "weights": _a_priori_weights(weights, cofactors, lead + (n,)),
         "cofactors": None if full is None else full.reshape((-1, n, 3, 3)),
@@ -104,7 +118,7 @@ def fit_sphere(points, method: str = "robust", *, radius=None, cofactors=None, w
         its_own = {name: None if array is None else array[part] for name, array in given.items()}
         cloud = sphere.reduce(flat[part], **its_own, first=part.start if lead else None)
         fits.append(chosen.function(cloud, **method_options))
-    fit = joined(fits, lead)
+    fit = joined(fits, lead, absolute)
     warn_if_not_converged(fit)
     return fit
 

@@ -240,7 +240,9 @@ def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tu
     best = np.argmin(_trimmed(model, x, D[:, None], h), axis=-1)
     x = np.take_along_axis(x, best[:, None, None], axis=1)[:, 0]
     for _ in range(20):
-        x = _concentrated(model, x, D, h)
+        x, before = _concentrated(model, x, D, h), x
+        if np.array_equal(x, before):
+            break
     sigma = np.sqrt(_trimmed(model, x, D, h) / h / _trimmed_variance(h / n))
     return x, sigma
 
