@@ -26,7 +26,8 @@ class Method:
 
     Clouds of a stack are solved together as many as make ``block`` points, so that what one step
     needs stays in the processor's cache. A ``consistent`` method takes full cofactors of the points
-    and a held radius; the printed ones cannot.
+    and a held radius; the printed ones cannot. ``sigma_0_unit`` is the unit of σ0 without cofactors:
+    m² where the residual is algebraic, |p − k|² − r².
     """
 
     label: str
@@ -35,13 +36,14 @@ class Method:
     function: Callable
     block: int = BLOCK
     consistent: bool = False
+    sigma_0_unit: str = "m"
 
 
 # Colours: Okabe & Ito's eight, which colour-blind readers can tell apart.
 SPHERE_METHODS: dict[str, Method] = {
-    "ls": Method("LS", "Kåsa 1976; " + OU_LIU, "#0072B2", sphere.ls),
-    "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + OU_LIU, "#D55E00", sphere.tls),
-    "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", sphere.mixed_ls_tls),
+    "ls": Method("LS", "Kåsa 1976; " + OU_LIU, "#0072B2", sphere.ls, sigma_0_unit="m²"),
+    "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + OU_LIU, "#D55E00", sphere.tls, sigma_0_unit="m²"),
+    "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", sphere.mixed_ls_tls, sigma_0_unit="m²"),
     "wtls": Method("WTLS", "Schaffrin & Wieser 2008; " + OU_LIU, "#E69F00", sphere.wtls),
     "igg3_wtls": Method("IGG III-WTLS", OU_LIU, "#009E73", igg3.igg3_wtls, LONG_BLOCK),
     "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", sphere.eiv, consistent=True),

@@ -1,0 +1,155 @@
+"""Command line: ``python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]``.
+
+Exit status 0: a result. 1: a result that did not converge. 2: no result, and one line on stderr says why.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import json
+import math
+import sys
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .fit import ConvergenceWarning, Fit
+from .methods import SPHERE_METHODS, Method, fit_sphere
+from .points import read_points
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What can be fitted: its function and methods, its quantities by their names in the result, and its parameters in words.
+
+    The parameters are lengths in m; ``held`` names those that can be given instead of estimated.
+    """
+
+    fit: Callable[..., Fit]
+    methods: Mapping[str, Method]
+    quantities: tuple[str, ...]
+    labels: tuple[str, ...]
+    held: tuple[str, ...] = ()
+
+    @property
+    def default(self) -> str:
+        return inspect.signature(self.fit).parameters["method"].default
+
+
+SURFACES = {
+    "sphere": Surface(fit_sphere, SPHERE_METHODS, ("center", "radius"), ("centre x", "centre y", "centre z", "radius"), ("radius",)),
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line and return the exit status."""
+    options = _parser().parse_args(arguments)
+    surface = SURFACES[options.surface]
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # the report says it
+            fit = surface.fit(read_points(options.file), options.method, **{name: getattr(options, name) for name in surface.held})
+    except (OSError, ValueError, ImportError) as error:
+        print(f"analysis: {_one_line(error, options.file)}", file=sys.stderr)
+        return 2
+    if options.json:
+        print(json.dumps(record(fit, surface, options.file), allow_nan=False))
+    else:
+        print(report(fit, surface, options.file))
+    return 0 if fit.converged else 1
+
+
+def report(fit: Fit, surface: Surface, file: str) -> str:
+    """The result for a reader: aligned plain text with units; a standard deviation that is not defined is a dash."""
+    method = surface.methods[fit.method]
+    rows = [
+        (label, f"{_number(value, '.5f')} m", f"± {_number(1e3 * deviation, '.3f')} mm")
+        for label, value, deviation in zip(surface.labels, fit.parameters, fit.standard_deviations, strict=True)
+    ]
+    rows += [
+        ("σ0", f"{_number(fit.sigma_0, '.4g')} {method.sigma_0_unit}", "unit-weight standard deviation"),
+        ("σs", f"{_number(1e3 * fit.sigma_s, '.3f')} mm", "RMS distance of all points"),
+        ("", f"{_number(1e3 * fit.sigma_s_inliers, '.3f')} mm", "RMS distance of the points in use"),
+        ("points", f"{np.count_nonzero(fit.inliers)} of {len(fit.weights)}", "in use"),
+        ("iterations", f"{fit.iterations}", fit.stop_reason),
+    ]
+    width, indent = (max(len(row[column]) for row in rows) for column in (1, 0))
+    lines = [f"{file}", f"{method.label} ({method.citation})", ""]
+    lines += [f"{name:<{indent}}  {value:>{width}}  {remark}" for name, value, remark in rows]
+    return "\n".join(lines)
+
+
+def record(fit: Fit, surface: Surface, file: str) -> dict:
+    """The result for a program: lengths in m, nothing rounded; null for what is not defined."""
+    values = {
+        "file": file,
+        "method": fit.method,
+        **{name: getattr(fit, name) for name in surface.quantities},
+        "parameters": fit.parameters,
+        "standard_deviations": fit.standard_deviations,
+        "covariance": fit.covariance,
+        "sigma_0": fit.sigma_0,
+        "sigma_0_unit": surface.methods[fit.method].sigma_0_unit,
+        "sigma_s": fit.sigma_s,
+        "sigma_s_inliers": fit.sigma_s_inliers,
+        "points": len(fit.weights),
+        "inliers": np.count_nonzero(fit.inliers),
+        "iterations": fit.iterations,
+        "converged": fit.converged,
+        "stop_reason": fit.stop_reason,
+    }
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m analysis", description="Fit surfaces to the points of a laser scan.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    fit = commands.add_parser("fit", help="fit a surface to a scan", description="Fit a surface to the points of a scan.")
+    surfaces = fit.add_subparsers(dest="surface", required=True, metavar="SURFACE")
+    for name, surface in SURFACES.items():
+        listed = "\n".join(f"  {key:<14} {method.label}; {method.citation}" for key, method in surface.methods.items())
+        command = surfaces.add_parser(
+            name,
+            help=f"fit a {name}",
+            description=f"Fit a {name} to the points of a scan and print its parameters with their standard deviations.",
+            epilog=f"methods:\n{listed}\n\nexit status: 0 a result, 1 a result that did not converge, 2 no result",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        command.add_argument("file", help="scan: x y z of one point a line (.xyz .txt .csv .pts .asc), or .las .laz .ply .e57; in m")
+        command.add_argument(
+            "--method",
+            metavar="NAME",
+            choices=surface.methods,
+            default=surface.default,
+            help="one of the methods below (default: %(default)s)",
+        )
+        for held in surface.held:
+            command.add_argument(f"--{held}", type=float, metavar="R", help=f"a known {held} in m, to be held (default: estimate it)")
+        command.add_argument("--json", action="store_true", help="print one JSON object for a program to read: lengths in m, unrounded")
+    return parser
+
+
+def _number(value: float, form: str) -> str:
+    return format(value, form) if math.isfinite(value) else "–"
+
+
+def _plain(value):
+    """A value as JSON has it: lists for arrays, null for what is not finite."""
+    value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _one_line(error: Exception, file: str) -> str:
+    """What went wrong, after the name of the file."""
+    message = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
+    return message if message.startswith(file) else f"{file}: {message}"
+
+
+if __name__ == "__main__":
+    sys.stdout.reconfigure(errors="replace")  # for a terminal without Greek letters
+    sys.exit(main())

@@ -1,0 +1,144 @@
+"""The command line: what it prints, and the exit status."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from analysis import SPHERE_METHODS, ConvergenceWarning, fit_sphere, read_points
+from analysis.__main__ import SURFACES, main
+
+CENTER, RADIUS = np.array([10.0, -20.0, 1.5]), 0.0725
+
+
+@pytest.fixture
+def scan(tmp_path):
+    """A scan of 300 points, noise 1 mm."""
+    rng = np.random.default_rng(8)
+    directions = rng.standard_normal((300, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    path = tmp_path / "scan.xyz"
+    np.savetxt(path, CENTER + RADIUS * directions + 1e-3 * rng.standard_normal((300, 3)), fmt="%.5f")
+    return str(path)
+
+
+def fail(capsys, *arguments):
+    """Run what must fail with status 2, and return the one line on stderr."""
+    assert main([*arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1 and printed.err.endswith("\n")
+    return printed.err.rstrip()
+
+
+@pytest.mark.parametrize("method", SPHERE_METHODS)
+def test_text(method, scan, capsys):
+    assert main(["fit", "sphere", scan, "--method", method]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    fit = fit_sphere(read_points(scan), method)
+    lines = printed.out.splitlines()
+    assert lines[0] == scan and SPHERE_METHODS[method].label in lines[1]
+    sd = 1e3 * fit.standard_deviations
+    assert lines[3].split() == ["centre", "x", f"{fit.center[0]:.5f}", "m", "±", f"{sd[0]:.3f}", "mm"]
+    assert lines[6].split() == ["radius", f"{fit.radius:.5f}", "m", "±", f"{sd[3]:.3f}", "mm"]
+    assert f"{1e3 * fit.sigma_s:.3f} mm  RMS distance of all points" in printed.out
+    assert f"{np.count_nonzero(fit.inliers)} of 300  in use" in printed.out
+    assert lines[-1].endswith(fit.stop_reason)
+
+
+def test_the_unit_of_sigma_0(scan, capsys):
+    for method, unit in {"ls": "m²", "tls": "m²", "wtls": "m", "igg3_wtls": "m"}.items():
+        main(["fit", "sphere", scan, "--method", method])
+        (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("σ0")]
+        assert line.split()[2] == unit
+
+
+def test_json(scan, capsys):
+    assert main(["fit", "sphere", scan, "--method", "igg3_wtls", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    fit = fit_sphere(read_points(scan), "igg3_wtls")
+    assert found["center"] == fit.center.tolist() and found["radius"] == fit.radius  # to the last bit
+    assert found["standard_deviations"] == fit.standard_deviations.tolist()
+    assert found["covariance"] == fit.covariance.tolist()
+    assert (found["method"], found["points"], found["inliers"]) == ("igg3_wtls", 300, np.count_nonzero(fit.inliers))
+    assert (found["converged"], found["stop_reason"]) == (True, fit.stop_reason)
+
+
+def test_the_default_method_is_that_of_the_function(scan, capsys):
+    assert main(["fit", "sphere", scan, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["method"] == fit_sphere(read_points(scan)).method
+
+
+def test_without_redundancy_the_standard_deviations_are_not_defined(tmp_path, capsys):
+    path = tmp_path / "four.xyz"
+    path.write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n")
+    assert main(["fit", "sphere", str(path), "--method", "ls"]) == 0
+    assert "0.50000 m  ± – mm" in capsys.readouterr().out
+    assert main(["fit", "sphere", str(path), "--method", "ls", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["standard_deviations"] == [None] * 4
+
+
+def test_a_result_that_did_not_converge_is_printed_with_status_1(scan, monkeypatch, capsys):
+    surface = SURFACES["sphere"]
+
+    def stopped_early(points, method):
+        return fit_sphere(points, method, max_iterations=2)
+
+    monkeypatch.setitem(SURFACES, "sphere", type(surface)(stopped_early, surface.methods, surface.quantities, surface.labels))
+    monkeypatch.setattr(type(surface), "default", "igg3_wtls")
+    assert main(["fit", "sphere", scan]) == 1
+    printed = capsys.readouterr()
+    assert "centre x" in printed.out and "not converged: " in printed.out.splitlines()[-1] and printed.err == ""
+    assert main(["fit", "sphere", scan, "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["converged"] is False
+    with pytest.warns(ConvergenceWarning):
+        stopped_early(read_points(scan), "igg3_wtls")
+
+
+def test_bad_files(tmp_path, capsys):
+    missing = str(tmp_path / "no.xyz")
+    assert fail(capsys, "fit", "sphere", missing) == f"analysis: {missing}: No such file or directory"
+    text = tmp_path / "bad.xyz"
+    text.write_text("0 0 0\n1 one 0\n")
+    assert fail(capsys, "fit", "sphere", str(text)).startswith(f"analysis: {text}: line 2: expected finite numbers x, y, z")
+    assert "expected a file ending in" in fail(capsys, "fit", "sphere", str(tmp_path))
+
+
+def test_bad_data(tmp_path, capsys):
+    path = tmp_path / "flat.xyz"
+    path.write_text("0 0 0\n1 0 0\n0 1 0\n")
+    assert fail(capsys, "fit", "sphere", str(path)).startswith(f"analysis: {path}: points: expected at least 4 points")
+    path.write_text("0 0 0\n1 0 0\n0 1 0\n3 4 0\n1 1 0\n")
+    assert "expected points that determine a sphere" in fail(capsys, "fit", "sphere", str(path))
+
+
+def test_held_radius(scan, capsys):
+    assert main(["fit", "sphere", scan, "--radius", "0.25", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["radius"] == 0.25 and result["standard_deviations"][3] == 0
+    assert "eiv, geometric, robust" in fail(capsys, "fit", "sphere", scan, "--radius", "0.25", "--method", "ls")
+    assert "radius: expected a positive finite number" in fail(capsys, "fit", "sphere", scan, "--radius", "-1")
+
+
+@pytest.mark.parametrize("arguments", [[], ["fit"], ["fit", "cube", "scan.xyz"], ["fit", "sphere", "scan.xyz", "--method", "best"]])
+def test_bad_arguments_end_with_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+
+
+def test_help_lists_every_method(capsys):
+    with pytest.raises(SystemExit):
+        main(["fit", "sphere", "--help"])
+    text = capsys.readouterr().out
+    assert all(f"  {name} " in text and method.label in text for name, method in SPHERE_METHODS.items())
+
+
+def test_as_a_module_from_a_terminal_without_greek_letters(scan):
+    command = [sys.executable, "-m", "analysis", "fit", "sphere", scan, "--method", "ls"]
+    ended = subprocess.run(command, capture_output=True, env={"PYTHONIOENCODING": "ascii"})
+    assert (ended.returncode, ended.stderr) == (0, b"")
+    assert b"radius" in ended.stdout

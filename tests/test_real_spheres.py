@@ -1,0 +1,148 @@
+"""The study of the real scans, on made-up scans: half a sphere about a reference centre, and a surface beside it."""
+
+import numpy as np
+import pytest
+
+from analysis import SPHERE_METHODS, fit_sphere, real_spheres
+from analysis.real_spheres import NOMINAL_RADIUS, REFERENCE_CENTERS, WHOLE
+
+SCAN = "SPH103"
+CENTER = np.array(REFERENCE_CENTERS[SCAN])
+HALF_WIDTH = 0.003
+SCALES = ("rms", "rms_in", "unit")
+
+
+def half_sphere(n, noise, rng):
+    """Points on the side of the sphere that the scanner in the origin sees."""
+    directions = rng.standard_normal((n, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    directions *= np.where(directions @ CENTER > 0, -1.0, 1.0)[:, None]
+    return CENTER + (NOMINAL_RADIUS + noise * rng.standard_normal(n))[:, None] * directions
+
+
+def store(folder, points):
+    np.savetxt(folder / f"{SCAN}.xyz", points, fmt="%.6f", delimiter="\t")
+
+
+@pytest.fixture
+def scans(tmp_path, monkeypatch):
+    """Folder with a scan of 600 points on the sphere and 400 on a surface 10 to 40 mm outside of it."""
+    rng = np.random.default_rng(4)
+    away = CENTER / np.linalg.norm(CENTER)
+    beside = np.cross(away, [0, 0, 1.0])
+    across, up, back = rng.uniform(0.07, 0.085, 400), rng.uniform(-0.03, 0.03, 400), rng.uniform(0.0, 0.01, 400)
+    surface = CENTER + across[:, None] * beside + up[:, None] * [0, 0, 1.0] + back[:, None] * away
+    store(tmp_path, np.concatenate([half_sphere(600, 1e-4, rng), surface]))
+    monkeypatch.setattr(real_spheres, "SCANS", tmp_path)
+    return tmp_path
+
+
+def test_a_missing_scan_names_the_command_that_fetches_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(real_spheres, "SCANS", tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"SPH103.xyz is not in data/scans: `make scans` fetches the real scans\."):
+        real_spheres.methods([SCAN])
+
+
+def test_a_scan_without_reference_is_refused(scans):
+    with pytest.raises(ValueError, match="expected one of SPH101, .*got 'SPH104'"):
+        real_spheres.read("SPH104")
+
+
+def test_contents_counts_what_is_on_the_sphere(scans):
+    row = real_spheres.contents([SCAN], HALF_WIDTH).iloc[0]
+    assert (row["points"], row["on_sphere"]) == (1000, 600)
+    assert row["off_sphere_percent"] == pytest.approx(40)
+    assert row["inside_percent"] == 0
+    assert row["rms_on_mm"] == pytest.approx(0.1, rel=0.1)
+    assert row["range_m"] == pytest.approx(np.linalg.norm(CENTER))
+
+
+def test_on_a_cut_scan_every_method_finds_the_reference(scans):
+    table = real_spheres.methods([SCAN], [WHOLE, HALF_WIDTH])
+    assert list(table["method"]) == 2 * list(SPHERE_METHODS)
+    cut = table[table["half_width_mm"] == 1e3 * HALF_WIDTH]
+    assert (cut["points"] == 600).all() and cut["converged"].all()
+    assert (cut["center_error_mm"] < 0.05).all() and (cut["radius_error_mm"].abs() < 0.05).all()
+    whole = table[table["half_width_mm"] == WHOLE].set_index("method")
+    assert whole["center_error_mm"]["ls"] > 5
+
+
+def test_a_row_is_what_the_fit_returns(scans):
+    row = real_spheres.methods([SCAN]).set_index("method").loc["ls"]
+    fit = fit_sphere(real_spheres.read(SCAN), "ls")
+    assert row[["x_m", "y_m", "z_m", "r_m"]].tolist() == fit.parameters.tolist()
+    assert row["center_error_mm"] == pytest.approx(1e3 * np.linalg.norm(fit.center - CENTER))
+    assert row["sd_center_mm"] == pytest.approx(1e3 * np.sqrt(np.trace(fit.covariance[:3, :3])))
+    assert row["radius_error_mm"] == pytest.approx(1e3 * (fit.radius - NOMINAL_RADIUS))
+
+
+def test_a_fit_that_did_not_converge_has_no_numbers(scans):
+    table = real_spheres.scale_readings([SCAN], SCALES).set_index(["scale", "cumulative"])
+    failed = table.loc[("unit", True)]
+    assert not failed["converged"] and failed["stop_reason"].startswith("not converged")
+    assert failed[["x_m", "sd_r_mm", "sigma_s_mm", "center_error_mm", "iterations"]].isna().all()
+    assert table.loc[("rms", True), "converged"] and table.loc[("rms", True), "center_error_mm"] > 5
+
+
+def test_masking_a_root_mean_square_cannot_reject_more_than_its_bound(scans):
+    row = real_spheres.masking([SCAN], HALF_WIDTH, 1.5, 2.5).iloc[0]
+    # Of all points no more than 1/k1² lie beyond k1·rms; 40 % are off the sphere.
+    assert row["reference_beyond_percent"] <= 100 / 2.5**2 / 0.4
+    d = real_spheres.reference_distances(real_spheres.read(SCAN), SCAN)
+    assert row["reference_k1_sigma_mm"] == pytest.approx(2.5e3 * np.sqrt(np.mean(d**2)))
+
+
+def test_a_thinned_scan_has_the_share_and_found_counts_it(scans):
+    table = real_spheres.thinned([SCAN], ["rms", "rms_w"], [0.2, 0.5], HALF_WIDTH, seed=1)
+    assert table["off_sphere_percent"].unique().tolist() == [50]  # the scan itself has 40 %: 20 % cannot be had
+    assert (table["points"] == 800).all()
+    found = real_spheres.found(table, within_mm=2)
+    assert list(found.columns) == ["scale", "cumulative", "50 %"]
+    assert found["50 %"].tolist() == (table["center_error_mm"] < 2).astype(int).tolist()
+
+
+def test_ranges_and_differences(scans):
+    table = real_spheres.methods([SCAN], [WHOLE, HALF_WIDTH])
+    ranges = real_spheres.ranges(table)
+    assert len(ranges) == 2 * len(SPHERE_METHODS)
+    assert (ranges["center_error_mm_min"] == ranges["center_error_mm_max"]).all()  # one scan
+    differences = real_spheres.differences(table)
+    assert "ls" not in set(differences["method"])
+    row = differences[(differences["method"] == "igg3_wtls") & (differences["half_width_mm"] == WHOLE)].iloc[0]
+    fits = table[table["half_width_mm"] == WHOLE].set_index("method")
+    assert row["dr_mm"] == pytest.approx(1e3 * (fits["r_m"]["igg3_wtls"] - fits["r_m"]["ls"]))
+    assert row["largest_mm"] == row[["dx_mm", "dy_mm", "dz_mm", "dr_mm"]].abs().max()
+
+
+def test_by_scan_keeps_the_order_of_the_table(scans):
+    table = real_spheres.scale_readings([SCAN], SCALES)
+    wide = real_spheres.by_scan(table, ["scale", "cumulative"], "in_use")
+    assert list(wide.columns) == ["scale", "cumulative", SCAN]
+    assert list(wide["scale"]) == ["rms", "rms", "rms_in", "rms_in", "unit", "unit"]
+    assert wide[SCAN].tolist() == table["in_use"].tolist()
+
+
+def test_printed_differences_are_those_of_table_3():
+    table = real_spheres.printed_differences().set_index(["sphere", "method"])
+    assert table.loc[("II", "tls"), "dy_mm"] == pytest.approx(0.1)  # the one difference that the paper's text names
+    assert table.loc[("I", "igg3_wtls"), ["dx_mm", "dz_mm", "dr_mm"]].tolist() == pytest.approx([-3.6, 3.1, -1.1])
+    assert table.loc[("II", "igg3_wtls"), ["sigma_s_mm", "sigma_s_ls_mm"]].tolist() == pytest.approx([0.70619, 5.4274])
+
+
+def test_the_section_is_a_slice_seen_from_above(scans):
+    section = real_spheres.section(SCAN, 0.004, HALF_WIDTH)
+    on, off = section[section["on_sphere"]], section[~section["on_sphere"]]
+    assert (on["along_mm"] < 1).all()  # the side towards the scanner
+    assert (off["across_mm"] < -60).all()  # the surface stands to the right
+    assert np.hypot(on["along_mm"], on["across_mm"]).between(49.0, 50.5).all()
+
+
+def test_a_circle_is_the_fitted_sphere_in_the_plane_of_the_section(scans):
+    circle = real_spheres.section_circles(SCAN, WHOLE).set_index("method").loc["ls"]
+    fit = fit_sphere(real_spheres.read(SCAN), "ls")
+    angle = 1.0
+    along, across = (circle[f"{axis}_mm"] / 1e3 for axis in ("along", "across"))
+    along, across = along + circle["radius_mm"] / 1e3 * np.cos(angle), across + circle["radius_mm"] / 1e3 * np.sin(angle)
+    sight = np.array([CENTER[0], CENTER[1], 0]) / np.hypot(*CENTER[:2])
+    point = CENTER + along * sight + across * np.array([-sight[1], sight[0], 0])
+    assert np.linalg.norm(point - fit.center) == pytest.approx(fit.radius, abs=1e-12)
