@@ -29,6 +29,7 @@ from .wtls import (
     misclosures,
     newton_step,
     objective,
+    only_minima,
     schaffrin_wieser_step,
     smallest_singular_solution,
     solved,
@@ -252,12 +253,27 @@ def tls(cloud: Cloud) -> SphereFit:
 def mixed_ls_tls(cloud: Cloud) -> SphereFit:
     """Mixed LS-TLS, ``min Σ r²/(1 + |k|²)``: equal independent errors in 2p and w, the column of ones exact.
 
-    All rows have one cofactor, so the five rows of the triangular factor stand for the n points.
-    σ0 = √(Σr²/(n − 4)) in m². Source: Van Huffel & Vandewalle 1991, section 3.6.
+    The minimum is the square of the smallest singular value σ of the centred ``[2p | w]``. It is found as
+    1/σ, the largest singular value of the inverse, and ``k = k_LS + σ² (N − σ²I)⁻¹ k_LS`` follows, N the
+    normal matrix of the centred 2p: with a far origin the singular vector itself would be lost in
+    rounding. σ0 = √(Σr²/(n − 4)) in m². Source: Van Huffel & Vandewalle 1991, sections 2.3 and 3.6.
     """
-    problem = _compressed(cloud, [1, 1, 1, 0, 1])
-    x, ended = solved(problem, cloud.least_squares(), schaffrin_wieser_step, 1e-15, 100)
-    return _common_fit(cloud, "mixed_ls_tls", x, [1, 1, 1, 0, 1], ended)
+    length = cloud.length[:, None]
+    R = np.linalg.qr(cloud.factor[..., [3, 0, 1, 2, 4]], mode="r")  # the exact column first
+    noisy = R[:, 1:, 1:] * np.concatenate([length, length, length, length**2], axis=-1)[:, None, :]
+    k_ls = solve(noisy[:, :3, :3], noisy[:, :3, 3:])[..., 0] + cloud.origin
+    # Exact points leave no residual; one at rounding level changes nothing and can be inverted.
+    residual = np.maximum(np.abs(noisy[:, 3, 3]), np.finfo(float).eps * np.abs(noisy[:, :3, 3]).max(axis=-1))
+    inverse = np.zeros_like(noisy)
+    inverse[:, :3, :3] = solve(noisy[:, :3, :3], np.broadcast_to(np.eye(3), noisy[:, :3, :3].shape))
+    inverse[:, :3, 3] = -k_ls / residual[:, None]
+    inverse[:, 3, 3] = 1.0 / residual
+    squared = np.linalg.norm(inverse, ord=2, axis=(-2, -1)) ** -2.0
+    N = noisy[:, :3, :3].swapaxes(-1, -2) @ noisy[:, :3, :3]
+    k = k_ls + squared[:, None] * solve(N - squared[:, None, None] * np.eye(3), k_ls[..., None])[..., 0]
+    k = (k - cloud.origin) / length
+    delta = (R[:, 0, 4] - np.einsum("bi,bi->b", R[:, 0, 1:4], k)) / R[:, 0, 0]  # Σr = 0
+    return _common_fit(cloud, "mixed_ls_tls", np.concatenate([k, delta[:, None]], axis=-1), [1, 1, 1, 0, 1])
 
 
 def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, max_iterations: int = 200) -> SphereFit:
@@ -274,6 +290,7 @@ def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, ma
     whole_number(max_iterations, "max_iterations")
     problem = printed_problem(cloud, positive(unit_weight, "unit_weight"))
     x, ended = solved(problem, cloud.least_squares(), schaffrin_wieser_step, positive(tolerance, "tolerance"), max_iterations)
+    ended = only_minima(problem, x, ended)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
     return finished(cloud, "wtls", x, gauss_newton_cofactor(problem, x), sigma_0, ended)
 
@@ -298,6 +315,8 @@ def eiv(cloud: Cloud, *, max_iterations: int = 100) -> SphereFit:
         x[:, 3] = radius**2 - np.sum(x[:, :3] ** 2, axis=-1)
         step = _newton_step_at_held_radius
     x, ended = solved(problem, x, step, 1e-14, max_iterations)
+    if cloud.held_radius is None:
+        ended = only_minima(problem, x, ended)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - free)
     cofactor = gauss_newton_cofactor(problem, x)
     if cloud.held_radius is not None:
@@ -468,13 +487,13 @@ def geometry(origin: np.ndarray, length: np.ndarray, x: np.ndarray) -> tuple[np.
     return parameters, J
 
 
-def _common_fit(cloud: Cloud, method: str, x: np.ndarray, printed: list[float], ended: Ended | None = None) -> SphereFit:
+def _common_fit(cloud: Cloud, method: str, x: np.ndarray, printed: list[float]) -> SphereFit:
     """A fit whose rows all have the cofactor ``diag(printed)``, with σ0 as the algebraic residual."""
     problem = _compressed(cloud, printed)
     z, _ = misclosures(problem, x)
     s = problem.cofactors.misclosure(z)[:, 0]
     cofactor = gauss_newton_cofactor(problem, x) / (s * cloud.length**4)[:, None, None]
-    return finished(cloud, method, x, cofactor, _algebraic_sd(cloud, x), ended)
+    return finished(cloud, method, x, cofactor, _algebraic_sd(cloud, x))
 
 
 def finished(cloud, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()) -> SphereFit:

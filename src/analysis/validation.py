@@ -117,6 +117,6 @@ def whole_number(value, name: str) -> int:
 
 def one_of(value, known, name: str):
     """``value`` if it is among ``known``, else an error that lists them."""
-    if value not in known:
+    if value not in list(known):  # a list, so that what cannot be hashed is refused like everything else
         raise ValueError(f"{name}: expected one of {', '.join(map(str, known))}; got {value!r}")
     return value

@@ -8,7 +8,7 @@ its m + 1 rows: memory stays at a block and no moment matrix squares the conditi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -243,6 +243,9 @@ def gauss_newton_cofactor(problem: EIVProblem, x: np.ndarray, weights: np.ndarra
     return cofactor_from_normal(cofactors.weigh(s, adjusted, weights) @ adjusted.swapaxes(-1, -2))
 
 
+ENDED = ("iterations", "converged", "stop_reason")
+
+
 @dataclass(frozen=True)
 class Ended:
     """How the iterations over a stack of B problems ended: the last state, and (B,) iterations, converged, stop_reason."""
@@ -311,6 +314,19 @@ def solved(problem: EIVProblem, x: np.ndarray, step: Callable, tolerance: float,
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a lost problem is reported by its ending
         ended = iterate(problem, (x, np.full(len(x), np.inf)), advance, endings, max_iterations)
     return ended.state[0], ended
+
+
+def only_minima(problem: EIVProblem, x: np.ndarray, ended: Ended) -> Ended:
+    """Take back the convergence of what is stationary but no minimum of Φ: its Hessian has a negative eigenvalue.
+
+    With errors as large as the columns an iteration can end at a saddle of Φ.
+    """
+    hessian = derivatives(problem, x)[2]
+    fine = np.isfinite(hessian).all(axis=(-1, -2))
+    eigenvalues = np.linalg.eigvalsh(np.where(fine[..., None, None], hessian, 0.0))
+    saddle = ended.converged & (eigenvalues[..., 0] < -1e-10 * eigenvalues[..., -1])
+    reason = np.where(saddle, "not converged: ended where Φ is stationary, but at no minimum", ended.stop_reason)
+    return replace(ended, converged=ended.converged & ~saddle, stop_reason=reason)
 
 
 def wtls(
@@ -382,15 +398,14 @@ def wtls(
         lead = rows.shape[:-2]
         scaled, ended = solved(problem.flattened(), start.reshape(-1, m), step, tolerance, max_iterations)
     scaled = scaled.reshape(lead + (m,))
+    ended = only_minima(problem, scaled, replace(ended, **{name: getattr(ended, name).reshape(lead) for name in ENDED}))
     phi = objective(problem, scaled)
     return Estimate(
         x=(root @ scaled[..., None])[..., 0],
         cofactor=root @ gauss_newton_cofactor(problem, scaled) @ root.swapaxes(-1, -2),
         objective=phi,
         sigma_0=unit_weight_sd(phi, n - m),
-        iterations=ended.iterations.reshape(lead)[()],
-        converged=ended.converged.reshape(lead)[()],
-        stop_reason=ended.stop_reason.reshape(lead)[()],
+        **{name: getattr(ended, name)[()] for name in ENDED},
     )
 
 

@@ -1,0 +1,33 @@
+"""A terrestrial laser scanner: how precise its points are, and what it sees of a scene.
+
+    instrument   a scanner's stochastic model, beam and reach; cofactors of its points
+    surfaces     what can be hit: spheres, rectangles, discs, cylinders, and labelled scenes of them
+    scanning     an angular grid of beams cast into a scene; noise, mixed pixels, redraws
+    targets      a sphere target on its mount before a wall
+
+All coordinates are in m in one frame whose z axis is the scanner's vertical axis; angles in rad.
+"""
+
+from .instrument import LEICA_C10, RIEGL_VZ400, Scanner
+from .scanning import MIXED, AngularGrid, Scan, redraw, scan
+from .surfaces import Cylinder, Disc, Rectangle, Scene, Sphere, Surface
+from .targets import scan_sphere_target, sphere_target_scene
+
+__all__ = [
+    "LEICA_C10",
+    "MIXED",
+    "RIEGL_VZ400",
+    "AngularGrid",
+    "Cylinder",
+    "Disc",
+    "Rectangle",
+    "Scan",
+    "Scanner",
+    "Scene",
+    "Sphere",
+    "Surface",
+    "redraw",
+    "scan",
+    "scan_sphere_target",
+    "sphere_target_scene",
+]

@@ -1,0 +1,48 @@
+"""The benchmark's tables, on sizes that take no time. Speed itself is no test: it is read from ``make bench``."""
+
+import numpy as np
+import pandas as pd
+
+from analysis import simulate
+from analysis.project import bench
+
+METHODS = ["ls", "igg3_wtls"]
+STACK = simulate.sphere_redraws(3, gross=True)
+
+
+def test_tables_have_a_line_a_method():
+    one = bench.single(STACK[0], METHODS, repeats=1)
+    together = bench.stacked(STACK, METHODS, one["ms a fit"])
+    whole = bench.large(STACK[0], METHODS, repeats=1)
+    assert one["method"].tolist() == together["method"].tolist() == METHODS
+    assert whole["method"].tolist() == [bench.PEER, *METHODS]
+    assert whole[f"{bench.PEER} : method"].iloc[0] == 1
+    assert together["largest difference"].max() < 1e-9
+    for table in (one, together, whole):
+        assert np.all(table.select_dtypes("float").drop(columns="largest difference", errors="ignore") > 0)
+
+
+def test_a_long_loop_runs_over_some_of_the_clouds():
+    together = bench.stacked(STACK, ["ls"], [1e6])
+    assert together["in the loop"].tolist() == [1]
+    assert together["largest difference"].max() < 1e-9
+
+
+def test_verdicts():
+    limits = pd.DataFrame(
+        [("run", "s", "at most", 1.0, ("ls",)), ("run", "gain", "at least", 5.0, None)],
+        columns=["run", "quantity", "rule", "limit", "methods"],
+    )
+    methods = ["ls", "ls", "tls", "tls", bench.PEER]
+    table = pd.DataFrame({"method": methods, "s": [0.5, 2.0, 2.0, 2.0, 2.0], "gain": [5.0, 9.0, 5.0, 4.9, 1.0]})
+    assert bench.with_verdicts(table, limits)["verdict"].tolist() == ["ok", "short", "ok", "short", ""]
+
+
+def test_report_shows_limits_and_verdicts():
+    run = bench.LIMITS["run"].iloc[0]
+    text = bench.report(run, pd.DataFrame({"method": ["ls", "tls"], "ms a fit": [1.25, 1000.0]}), 2)
+    assert text.splitlines() == [run, "method  ms a fit  verdict", "ls          1.25  ok", "tls      1000.00  short"]
+
+
+def test_peak_counts_what_a_call_holds():
+    assert 8e6 <= bench.peak(lambda: np.ones(1_000_000)) < 9e6
