@@ -38,9 +38,10 @@ class IndependentRows:
         """Predicted errors of A, ``ẽ = Q Bᵀ λ`` without its y part, (…, m, n)."""
         return self.column_cofactors(z) * multipliers[..., None, :]
 
-    def slope(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """``−(∂S/∂x_j) λ``, (…, m, n): twice the predicted errors, because each Q_i is symmetric."""
-        return 2.0 * self.errors(z, multipliers)
+    @staticmethod
+    def slope(z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        """``−(∂S/∂x_j) λ``, (…, m, n), from the predicted errors: twice these, because each Q_i is symmetric."""
+        return 2.0 * errors
 
 
 @dataclass(frozen=True)
@@ -140,8 +141,9 @@ class DenseCofactors:
     def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         return np.einsum("jkab,k,b->ja", self.Q, z, multipliers, optimize=True)[:-1]
 
-    def slope(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        return self.errors(z, multipliers) + np.einsum("kjab,k,b->ja", self.Q, z, multipliers, optimize=True)[:-1]
+    def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        """``−(∂S/∂x_j) λ``, (m, n): the predicted errors and their transposed counterpart."""
+        return errors + np.einsum("kjab,k,b->ja", self.Q, z, multipliers, optimize=True)[:-1]
 
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
         return np.einsum("a,jkab,b->jk", multipliers, self.Q, t, optimize=True)

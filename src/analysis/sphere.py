@@ -425,13 +425,22 @@ class PointCofactors(IndependentRows):
             return 4.0 * self.Q[:, None, :] * g
         return 4.0 * np.einsum("bnij,bjn->bin", self.Q, g)
 
+    def _normals(self, z: np.ndarray) -> np.ndarray:
+        """g, (B, 3, n)."""
+        g = z[:, 4, None, None] * self.D
+        g += z[:, :3, None]
+        return g
+
     def misclosure(self, z: np.ndarray) -> np.ndarray:
-        g = z[:, :3, None] + z[:, 4, None, None] * self.D
+        g = self._normals(z)
+        if self.Q.ndim == 2:
+            return 4.0 * self.Q * np.einsum("bin,bin->bn", g, g)
         return np.einsum("bin,bin->bn", g, self._times(g))
 
     def column_cofactors(self, z: np.ndarray) -> np.ndarray:
-        product = self._times(z[:, :3, None] + z[:, 4, None, None] * self.D)
-        return np.concatenate([product, np.zeros_like(product[:, :1])], axis=1)
+        product = np.zeros(self.D.shape[:1] + (4,) + self.D.shape[2:])
+        product[:, :3] = self._times(self._normals(z))
+        return product
 
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
         weights = multipliers * t

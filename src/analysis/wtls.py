@@ -203,8 +203,9 @@ def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
     s = cofactors.misclosure(z)
     multipliers = cofactors.weigh(s, r[..., None, :])[..., 0, :]
     columns = problem.rows[..., :m, :]
-    gradient = -((columns - cofactors.errors(z, multipliers)) @ multipliers[..., None])[..., 0]
-    B = columns - cofactors.slope(z, multipliers)
+    errors = cofactors.errors(z, multipliers)
+    gradient = -((columns - errors) @ multipliers[..., None])[..., 0]
+    B = columns - cofactors.slope(z, multipliers, errors)
     hessian = cofactors.weigh(s, B) @ B.swapaxes(-1, -2)
     hessian -= cofactors.weighted_sum(multipliers, multipliers)[..., :m, :m]
     return np.sum(multipliers * r, axis=-1), gradient, hessian
@@ -438,7 +439,7 @@ def _require_full_rank(R: np.ndarray) -> None:
     scaled = R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), np.finfo(float).tiny)
     smallest = np.linalg.svd(scaled, compute_uv=False)[..., -1]
     if np.any(smallest < 16 * np.finfo(float).eps):
-        raise ValueError(f"A: expected independent columns, got a smallest singular value of {smallest.min():.1g} after scaling to unit columns")
+        raise ValueError(f"A: expected independent columns, got a smallest singular value of {smallest.min():.1g} for columns of unit length")
 
 
 def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
@@ -494,8 +495,9 @@ def _symmetric(values, shapes: list[tuple[int, ...]], name: str) -> np.ndarray:
     if array.shape not in shapes:
         raise ValueError(f"{name}: expected shape {' or '.join(map(str, shapes))}, got {array.shape}")
     transposed = array.swapaxes(-1, -2)
-    if not np.allclose(array, transposed, rtol=1e-9, atol=1e-12 * np.abs(array).max(initial=0.0)):
-        raise ValueError(f"{name}: expected symmetric matrices, got a difference of {np.abs(array - transposed).max():.3g} to the transpose")
+    if not np.allclose(array, transposed, rtol=1e-9, atol=1e-12 * np.abs(array).max()):
+        difference = np.abs(array - transposed).max()
+        raise ValueError(f"{name}: expected symmetric matrices, got a difference of {difference:.3g} to the transpose")
     smallest = np.diagonal(array, axis1=-2, axis2=-1).min()
     if smallest < 0:
         raise ValueError(f"{name}: expected variances of at least 0 on the diagonal, got {smallest:g}")

@@ -42,13 +42,16 @@ STYLE = {
     "svg.hashsalt": "analysis",
     "svg.fonttype": "path",
 }
+# For the whole session: this package is the only one that draws. (A context would end before titles and legends are
+# set, and would switch off the display of figures in notebooks.)
+mpl.rcParams.update(STYLE)
+
 UNDATED = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
 def new(rows: int = 1, columns: int = 1, *, width: float = PAGE, height: float = 3.0, **options):
     """A figure and its axes in the project's style, ``height`` and ``width`` in inches; options as ``pyplot.subplots``."""
-    with mpl.rc_context(STYLE):
-        return pyplot.subplots(rows, columns, figsize=(width, height), layout="constrained", **options)
+    return pyplot.subplots(rows, columns, figsize=(width, height), layout="constrained", **options)
 
 
 def publish(figure, stem: str, data: pd.DataFrame) -> None:
@@ -57,8 +60,7 @@ def publish(figure, stem: str, data: pd.DataFrame) -> None:
     The stem begins with the name of the notebook. The figure stays open: a notebook shows it
     at the end of the cell.
     """
-    with mpl.rc_context(STYLE):
-        for kind, undated in UNDATED.items():
-            with replacing(output(FIGURES / f"{stem}.{kind}")) as temporary:
-                figure.savefig(temporary, format=kind, metadata=undated)
+    for kind, undated in UNDATED.items():
+        with replacing(output(FIGURES / f"{stem}.{kind}")) as temporary:
+            figure.savefig(temporary, format=kind, metadata=undated)
     tables.write(data, RESULTS / f"{stem}.csv")

@@ -20,7 +20,6 @@ IDLE = {"zorder": 5, "markerfacecolor": "white", "markeredgecolor": TRUTH, "mark
 SCAN_MARKERS = "osD^vP*Xp<>"
 
 
-@mpl.rc_context(STYLE)
 def section(scan: str, half_thickness: float, half_width: float, stem: str) -> None:
     """Why do they fail? A slice of a scan from above, with every method's circle: the whole scan, and cut to ``half_width`` (m).
 
@@ -66,7 +65,6 @@ def _section_legend() -> list:
     ]
 
 
-@mpl.rc_context(STYLE)
 def errors(table: pd.DataFrame, stem: str) -> None:
     """Centre errors by method and scan beside the standard deviations that the fits claim; one panel a half-width of the table."""
     half_widths = table["half_width_mm"].unique()
@@ -96,7 +94,6 @@ def _cut_title(half_width_mm: float) -> str:
     return "whole scans" if half_width_mm == WHOLE else f"cut to ±{half_width_mm:g} mm"
 
 
-@mpl.rc_context(STYLE)
 def trimming(table: pd.DataFrame, stem: str) -> None:
     """Centre error of every method over the half-width to which a scan is cut; one panel a scan, the whole scan at the right."""
     scans = table["scan"].unique()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ CROSS = {"s": 45, "color": GROSS, "marker": "X", "edgecolors": "white", "linewid
 LABEL = {"color": GROSS, "fontweight": "bold"}  # and its number
 
 
-@mpl.rc_context(STYLE)
 def cloud(points: NDArray[np.float64]) -> None:
     """Figure 1 of Ou & Liu (2017): the cloud with its gross errors numbered, and how deep they lie.
 
@@ -62,7 +60,6 @@ def cloud(points: NDArray[np.float64]) -> None:
     publish(figure, f"{STEM}_cloud", data)
 
 
-@mpl.rc_context(STYLE)
 def noise(histogram: pd.DataFrame) -> None:
     """The distances of the clean cloud from the true sphere, as a histogram beside the normal law.
 

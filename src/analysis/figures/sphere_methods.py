@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import cycle
 
-import matplotlib as mpl
 import pandas as pd
 
 from ..methods import SPHERE_METHODS
@@ -38,7 +37,6 @@ RAW_STYLE = {"color": "#7A1FA2", "marker": "x", "linestyle": ":", "markersize": 
 TITLES = {"clean": "Without gross errors", "gross": "With five gross errors"}
 
 
-@mpl.rc_context(STYLE)
 def readings(changes: pd.DataFrame, sd_center: float) -> None:
     """How far the centre moves from the literal to the other reading of each place, clean and gross side by side.
 
@@ -77,7 +75,6 @@ def readings(changes: pd.DataFrame, sd_center: float) -> None:
     publish(figure, f"{STEM}_readings", changes)
 
 
-@mpl.rc_context(STYLE)
 def origin(answers: pd.DataFrame) -> None:
     """Error of the centre by each method against the shift of the coordinates along x, gross and clean.
 
