@@ -8,6 +8,7 @@
 from .fit import ConvergenceWarning, Fit
 from .methods import SPHERE_METHODS, fit_sphere
 from .points import read_points
+from .reliability import Reliability, data_snooping, reliability
 from .sphere import SphereFit
 from .wtls import Estimate, ls, mixed_ls_tls, tls, wtls
 
@@ -16,11 +17,14 @@ __all__ = [
     "ConvergenceWarning",
     "Estimate",
     "Fit",
+    "Reliability",
     "SphereFit",
+    "data_snooping",
     "fit_sphere",
     "ls",
     "mixed_ls_tls",
     "read_points",
+    "reliability",
     "tls",
     "wtls",
 ]

@@ -51,7 +51,8 @@ class Fit:
     history: tuple[Iteration, ...] = ()
     absolute: bool = False
 
-    NAMES = ()  # of the parameters, set by each geometry
+    NAMES = ()  # of the parameters, set by each geometry, as is
+    MODEL = None  # its geometric model
     PER_STACK = ("parameters", "cofactor", "sigma_0", "distances", "weights", "iterations", "converged", "stop_reason")
 
     @property

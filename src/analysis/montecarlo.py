@@ -65,7 +65,7 @@ def sphere_study(
     >>> from analysis.simulate import SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
     >>> study = sphere_study(sphere_redraws(2), [*SPHERE_CENTER, SPHERE_RADIUS], {"LS": {"method": "ls"}})
     >>> study["LS"]["delta_c_m"].round(4).tolist()
-    [0.0, 0.0]
+    [0.0006, -0.0002]
     """
     points = point_array(points, 3, 4, "a sphere")
     if points.ndim != 3:
@@ -85,17 +85,43 @@ def sphere_study(
     return {label: pd.concat([part[label] for part in parts], ignore_index=True) for label in variants}
 
 
+def printed_quantities(study: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str], np.ndarray]:
+    """(label, quantity) -> (B,) values of what tables 1 and 2 of Ou & Liu (2017) print: errors without sign, σ0, σs."""
+    found = {}
+    for label, trials in study.items():
+        for name in SphereFit.NAMES:
+            found[label, f"abs_delta_{name}_m"] = trials[f"delta_{name}_m"].abs().to_numpy()
+        for quantity in ("sigma_0", "sigma_s_m"):
+            found[label, quantity] = trials[quantity].to_numpy()
+    return found
+
+
+def spread(study: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Standard deviations of a, b, c, r over the redraws in mm, one row a variant, and how the fits fared.
+
+    Columns: variant; ``sd_a_mm`` … ``sd_r_mm``; ``mean_c_mm`` and ``mean_r_mm``, the mean errors; ``rejected``, the mean number
+    of points of weight 0; ``converged_percent``.
+    """
+    rows = []
+    for label, trials in study.items():
+        errors = 1e3 * trials[[f"delta_{name}_m" for name in SphereFit.NAMES]]
+        row = {"variant": label} | {f"sd_{name}_mm": errors[f"delta_{name}_m"].std() for name in SphereFit.NAMES}
+        row |= {f"mean_{name}_mm": errors[f"delta_{name}_m"].mean() for name in "cr"}
+        rows.append(row | {"rejected": trials["rejected"].mean(), "converged_percent": 100 * trials["converged"].mean()})
+    return pd.DataFrame(rows)
+
+
 def _fit_chunk(points: np.ndarray, truth: np.ndarray, variants: dict[str, Mapping]) -> dict[str, pd.DataFrame]:
     """The frames of one chunk of clouds."""
     frames = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         for label, options in variants.items():
-            frames[label] = trial_frame(fit_sphere(points, **options), truth)
+            frames[label] = _trial_frame(fit_sphere(points, **options), truth)
     return frames
 
 
-def trial_frame(fit: SphereFit, truth: np.ndarray) -> pd.DataFrame:
+def _trial_frame(fit: SphereFit, truth: np.ndarray) -> pd.DataFrame:
     """What a study keeps of the fits of a stack, one row a cloud."""
     frame = pd.DataFrame(fit.parameters - truth, columns=[f"delta_{name}_m" for name in fit.NAMES])
     return frame.assign(

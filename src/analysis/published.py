@@ -28,6 +28,7 @@ OUTSIDE = "outside"
 VERDICTS = (REPRODUCED, INSIDE, OUTSIDE)
 
 METHODS = {"LS": "ls", "TLS": "tls", "IGG III-WTLS": "igg3_wtls"}  # as printed -> our name
+SIGMA_0_IS_AN_AREA = ("ls", "tls", "mixed_ls_tls")  # the root mean square algebraic residual, m²
 TITLES = {1: "500 points without gross errors", 2: "the same with five gross errors"}
 SYMBOLS = {
     "abs_delta_a_m": "|Δa|",
@@ -37,6 +38,32 @@ SYMBOLS = {
     "sigma_0": "σ0",
     "sigma_s_m": "σs",
 }
+
+# Why a number is outside: (table, method, quantity) -> cause. Notebook 03 shows what each rests on.
+_CENTRE_CONTRADICTS_SIGMA_0 = "contradicts its own row: the printed centre leaves a larger σ0 than printed, whatever the radius"
+_LARGER_THAN_LITERAL = "unexplained: a larger error than the literal reading makes; some other readings are as inexact"
+CAUSES = {
+    (1, "igg3_wtls", "abs_delta_c_m"): "chance: a smaller error than most redraws have; one or two of 36 such numbers are to be expected",
+    (1, "igg3_wtls", "sigma_0"): "not determined: σ0 is proportional to √P_X, and the paper does not print P_X",
+    (2, "ls", "abs_delta_a_m"): "unexplained: the paper does not say where its gross errors lie, and ours rarely pull so far to one side",
+    (2, "ls", "abs_delta_r_m"): "contradicts its own row: with the printed Δc and σ0 the residuals of LS cannot add up to zero",
+    (2, "tls", "abs_delta_a_m"): _CENTRE_CONTRADICTS_SIGMA_0,
+    (2, "tls", "abs_delta_r_m"): _CENTRE_CONTRADICTS_SIGMA_0,
+    (2, "igg3_wtls", "abs_delta_a_m"): "unexplained: a larger error than by any reading of the algorithm that keeps most of the points",
+    (2, "igg3_wtls", "abs_delta_b_m"): _LARGER_THAN_LITERAL,
+    (2, "igg3_wtls", "abs_delta_c_m"): _LARGER_THAN_LITERAL,
+    (2, "igg3_wtls", "abs_delta_r_m"): "contradicts its own row: it leaves many times the printed σ0; table 3 prints the same as a radius",
+    (2, "igg3_wtls", "sigma_0"): "unexplained: the P_X that gives it is not the one that gives σ0 of table 1, and no reading gives both",
+}
+
+# What the paper shows -> where it is here. A table with redraws gets its verdicts counted, for the others they are words.
+PAPER_TO_PROJECT = (
+    ("figure 1, the simulated points", "01_simulated_sphere", "data/simulated", "drawn again: the authors' points are not published"),
+    ("equations (1) to (18)", "02_sphere_methods", "src/analysis/igg3.py", "as printed; what each misprint changes is shown"),
+    ("table 1, without gross errors", "03_sphere_tables", "data/results/03_sphere_tables_table1.csv", 1),
+    ("table 2, with five gross errors", "03_sphere_tables", "data/results/03_sphere_tables_table2.csv", 2),
+    ("table 3, two scanned spheres", "04_real_spheres", "data/results", "the scans are not published; other scans instead"),
+)
 
 
 @dataclass(frozen=True)
@@ -139,7 +166,7 @@ def printed_numbers(table: int) -> tuple[PrintedNumber, ...]:
             quantity="sigma_0" if column == "sigma_0_m" else column,
             text=row[column],
             decimals=of_zero if row[column] == "0" else _decimals(row[column]),
-            unit="m²" if column == "sigma_0_m" and row["method"] in ("LS", "TLS") else "m",
+            unit="m²" if column == "sigma_0_m" and METHODS[row["method"]] in SIGMA_0_IS_AN_AREA else "m",
         )
         for row in frame.to_dict("records")
         for column in columns
@@ -275,6 +302,40 @@ def comparison_table(
     return pd.DataFrame(rows)
 
 
+def side_by_side(table: int, ours: Mapping[str, Mapping[str, float]], labels: Mapping[str, str]) -> pd.DataFrame:
+    """Return table 1 or 2 as printed with ours below every printed row; errors are absolute.
+
+    Parameters
+    ----------
+    table : 1 or 2.
+    ours : method -> quantity -> the value for the committed cloud; methods the paper does not have come last.
+    labels : method -> what the table calls it.
+
+    Returns
+    -------
+    Frame of text, numbers at the decimals of print; σ0 with its unit, because the paper's heads give m for an area.
+
+    Example
+    -------
+    >>> ours = {method: dict.fromkeys(SYMBOLS, 0.001) for method in ("ls", "tls", "igg3_wtls")}
+    >>> print(side_by_side(1, ours, {}).iloc[:2, :6].to_string(index=False))
+    method  source |Δa|/m |Δb|/m |Δc|/m |Δr|/m
+        LS printed 0.0002 0.0000 0.0016 0.0014
+        LS    ours 0.0010 0.0010 0.0010 0.0010
+    """
+    if table not in TITLES:
+        raise ValueError(f"expected table 1 or 2, the simulations, got {table!r}")
+    numbers = {method: [n for n in printed_numbers(table) if n.method == method] for method in METHODS.values()}
+    rows = []
+    for label, method in METHODS.items():
+        rows.append(_row(label, "printed", numbers[method], {n.quantity: n.value for n in numbers[method]}))
+        rows.append(_row(label, "ours", numbers[method], ours[method]))
+    for method in ours:
+        if method not in numbers:
+            rows.append(_row(labels[method], "ours", numbers["tls" if method in SIGMA_0_IS_AN_AREA else "igg3_wtls"], ours[method]))
+    return pd.DataFrame(rows)
+
+
 def headline(comparison_tables: Iterable[pd.DataFrame]) -> str:
     """Return all comparisons as aligned text for the terminal, at most 110 columns wide.
 
@@ -322,6 +383,59 @@ def headline_markdown(comparison_tables: Iterable[pd.DataFrame]) -> str:
     return "\n\n".join([*blocks, _counts(comparison_tables)])
 
 
+def outside_markdown(comparison_tables: Iterable[pd.DataFrame]) -> str:
+    """Return the numbers that are outside, each with its cause, as a Markdown table."""
+    return tables.markdown(outside(comparison_tables), 1)
+
+
+def outside(comparison_tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Return the numbers that are outside, each with its cause; numbers of a row with the same cause together.
+
+    Raises
+    ------
+    KeyError : a number is outside and `CAUSES` does not say why.
+    """
+    every = pd.concat(list(comparison_tables))
+    labels = {name: label for label, name in METHODS.items()}
+    rows: dict[tuple, list[str]] = {}
+    for row in every[every["verdict"] == OUTSIDE].itertuples():
+        cause = CAUSES[row.table, row.method, row.quantity]
+        rows.setdefault((row.table, labels[row.method], cause), []).append(f"{SYMBOLS[row.quantity]} {row.printed:.{row.decimals}f}")
+    return pd.DataFrame(
+        [(table, method, ", ".join(numbers), cause) for (table, method, cause), numbers in rows.items()],
+        columns=["table", "method", "printed", "cause"],
+    )
+
+
+def map_markdown(comparison_tables: Iterable[pd.DataFrame]) -> str:
+    """Return the map from what the paper shows to notebook, files and verdict as a Markdown table."""
+    frames = {int(frame["table"].iloc[0]): frame for frame in comparison_tables}
+    rows = []
+    for shown, notebook, file, verdict_ in PAPER_TO_PROJECT:
+        words = _counted(frames[verdict_]) if isinstance(verdict_, int) else verdict_
+        rows.append(
+            {
+                "in the paper": shown,
+                "notebook": f"[{notebook}](notebooks/{notebook}.ipynb)",
+                "file": f"[{file}]({file})",
+                "verdict": words,
+            }
+        )
+    return tables.markdown(pd.DataFrame(rows), 0)
+
+
+def _row(label: str, source: str, numbers: Iterable[PrintedNumber], values: Mapping[str, float]) -> dict[str, str]:
+    """Return a row of `side_by_side`: the values at the decimals of the numbers."""
+    row = {"method": label, "source": source}
+    for number in numbers:
+        shown = f"{values[number.quantity]:z.{number.decimals}f}"
+        if number.quantity == "sigma_0":
+            row |= {"σ0": shown, "unit": number.unit}
+        else:
+            row[f"{SYMBOLS[number.quantity]}/m"] = shown
+    return row
+
+
 def _headline_frame(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a comparison as it is shown: each value at the decimals of its printed number."""
     shown = {"printed": "printed", "ours": "ours", "median": "median"}
@@ -353,12 +467,16 @@ def _title(frame: pd.DataFrame) -> str:
 def _counts(comparison_tables: list[pd.DataFrame]) -> str:
     """Return how many numbers have which verdict, and how many redraws had no sphere."""
     every = pd.concat(comparison_tables)
-    verdicts = ", ".join(f"{(every['verdict'] == word).sum()} {word}" for word in VERDICTS)
-    lines = f"{len(every)} printed numbers: {verdicts}."
+    lines = f"{len(every)} printed numbers: {_counted(every)}."
     failed = every[every["no_sphere"] > 0].groupby(["table", "method"], sort=False)["no_sphere"]
     for (table, method), count in failed.max().items():
         lines += f"\nTable {table}, {method}: {count} redraws without a real sphere left out."
     return lines
+
+
+def _counted(frame: pd.DataFrame) -> str:
+    """Return how many numbers of a comparison have which verdict, in words."""
+    return ", ".join(f"{(frame['verdict'] == word).sum()} {word}" for word in VERDICTS)
 
 
 def _decimals(text: str) -> int:

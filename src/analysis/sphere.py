@@ -40,11 +40,95 @@ PARAMETERS = 4
 CLOSED_FORM = "solved in closed form"
 
 
+class SphereModel:
+    """The sphere as a geometric model, parameters (a, b, c, r) in the cloud's frame."""
+
+    dimension = 3
+    sample = 4
+
+    def __init__(self, held_radius: np.ndarray | None = None):
+        self.held_radius = held_radius
+        self.free = [0, 1, 2, 3] if held_radius is None else [0, 1, 2]
+
+    def held(self, x: np.ndarray) -> np.ndarray:
+        return x if self.held_radius is None else np.concatenate([x[:, :3], self.held_radius[:, None]], axis=-1)
+
+    @staticmethod
+    def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """``|p − k| − r``, from |p|² − 2p·k + |k|²: in a centred frame nothing is lost by that."""
+        k = x[..., :3]
+        squares = (-2.0 * k[..., None, :] @ points.swapaxes(-1, -2))[..., 0, :]
+        squares += np.einsum("...i,...i->...", k, k)[..., None] + np.einsum("...ni,...ni->...n", points, points)
+        np.maximum(squares, 0.0, out=squares)
+        return np.sqrt(squares, out=squares) - x[..., 3:]
+
+    @staticmethod
+    def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        normals = points - x[..., None, :3]
+        rho = np.sqrt(np.einsum("...ni,...ni->...n", normals, normals))
+        normals /= np.maximum(rho, np.finfo(float).tiny)[..., None]
+        J = np.empty(rho.shape[:-1] + (4, rho.shape[-1]))
+        np.negative(normals.swapaxes(-1, -2), out=J[..., :3, :])
+        J[..., 3, :] = -1.0
+        return rho - x[..., 3:], normals, J
+
+    @staticmethod
+    def adjusted(x: np.ndarray, points) -> np.ndarray:
+        """The places on the sphere nearest to the points in the metric of Q⁻¹, (B, n, 3).
+
+        ``p̃ − k = (I + μQ)⁻¹(p − k)`` with the one root μ > −1/λ_max of ``|p̃ − k| = r``: along the principal axes a
+        scalar equation a point. Newton on 1/|p̃ − k|, which is nearly linear in μ.
+        """
+        k, r = x[:, None, :3], x[:, 3:]
+        q = np.einsum("bnij,bni->bnj", points.axes, points.D - k)
+        limit = -1.0 / points.variances.max(axis=-1)
+        mu = np.zeros(q.shape[:-1])
+        for _ in range(60):
+            factors = 1.0 / (1.0 + mu[..., None] * points.variances)
+            y = q * factors
+            squares = np.einsum("bni,bni->bn", y, y)
+            length = np.sqrt(squares)
+            slope = np.einsum("bni,bni,bni,bni->bn", y, y, points.variances, factors)
+            step = squares * (length - r) / (r * np.maximum(slope, np.finfo(float).tiny))
+            new = np.maximum(mu + step, limit + 0.1 * (mu - limit))
+            if np.all(np.abs(length - r) <= 1e-15 * np.abs(r)) or np.array_equal(new, mu):
+                break
+            mu = new
+        return k + np.einsum("bnij,bnj->bni", points.axes, y)
+
+    @staticmethod
+    def algebraic(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Weighted algebraic least squares (Kåsa) from the moments of the points."""
+        rows = np.empty(points.shape[:-2] + (5, points.shape[-2]))
+        rows[..., :3, :] = 2.0 * points.swapaxes(-1, -2)
+        rows[..., 3, :] = 1.0
+        rows[..., 4, :] = np.einsum("...ni,...ni->...n", points, points)
+        N = (rows[..., :4, :] * weights[..., None, :]) @ rows.swapaxes(-1, -2)
+        return _with_radius(solve(N[..., :4], N[..., 4:])[..., 0])
+
+    @staticmethod
+    def through(samples: np.ndarray) -> np.ndarray:
+        """Spheres through four points (…, 4, 3): three differences of their equations give the centre."""
+        first, others = samples[..., :1, :], samples[..., 1:, :]
+        D = others - first
+        k = solve(2.0 * D, np.einsum("...ni,...ni->...n", D, D)[..., None])[..., 0]
+        radius = np.sqrt(np.einsum("...i,...i->...", k, k))
+        return np.concatenate([k + first[..., 0, :], radius[..., None]], axis=-1)
+
+
+def _with_radius(x: np.ndarray) -> np.ndarray:
+    """(k, r) from (k, δ); NaN without a real sphere."""
+    squared_radius = x[..., 3] + np.einsum("...i,...i->...", x[..., :3], x[..., :3])
+    radius = np.sqrt(np.where(squared_radius > 0, squared_radius, np.nan))
+    return np.concatenate([x[..., :3], radius[..., None]], axis=-1)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SphereFit(Fit):
     """A fitted sphere; ``parameters`` are (a, b, c, r) in m."""
 
     NAMES = ("a", "b", "c", "r")
+    MODEL = SphereModel
 
     @property
     def center(self) -> np.ndarray:
@@ -348,64 +432,6 @@ def _newton_step_at_held_radius(problem: EIVProblem, x: np.ndarray) -> np.ndarra
             break
         step = np.where(worse[:, None], 0.5 * step, step)
     return new
-
-
-class SphereModel:
-    """The sphere as a geometric model, parameters (a, b, c, r) in the cloud's frame."""
-
-    sample = 4
-
-    def __init__(self, held_radius: np.ndarray | None):
-        self.held_radius = held_radius
-        self.free = [0, 1, 2, 3] if held_radius is None else [0, 1, 2]
-
-    def held(self, x: np.ndarray) -> np.ndarray:
-        return x if self.held_radius is None else np.concatenate([x[:, :3], self.held_radius[:, None]], axis=-1)
-
-    @staticmethod
-    def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """``|p − k| − r``, from |p|² − 2p·k + |k|²: in a centred frame nothing is lost by that."""
-        k = x[..., :3]
-        squares = (-2.0 * k[..., None, :] @ points.swapaxes(-1, -2))[..., 0, :]
-        squares += np.einsum("...i,...i->...", k, k)[..., None] + np.einsum("...ni,...ni->...n", points, points)
-        np.maximum(squares, 0.0, out=squares)
-        return np.sqrt(squares, out=squares) - x[..., 3:]
-
-    @staticmethod
-    def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        normals = points - x[..., None, :3]
-        rho = np.sqrt(np.einsum("...ni,...ni->...n", normals, normals))
-        normals /= np.maximum(rho, np.finfo(float).tiny)[..., None]
-        J = np.empty(rho.shape[:-1] + (4, rho.shape[-1]))
-        np.negative(normals.swapaxes(-1, -2), out=J[..., :3, :])
-        J[..., 3, :] = -1.0
-        return rho - x[..., 3:], normals, J
-
-    @staticmethod
-    def algebraic(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Weighted algebraic least squares (Kåsa) from the moments of the points."""
-        rows = np.empty(points.shape[:-2] + (5, points.shape[-2]))
-        rows[..., :3, :] = 2.0 * points.swapaxes(-1, -2)
-        rows[..., 3, :] = 1.0
-        rows[..., 4, :] = np.einsum("...ni,...ni->...n", points, points)
-        N = (rows[..., :4, :] * weights[..., None, :]) @ rows.swapaxes(-1, -2)
-        return _with_radius(solve(N[..., :4], N[..., 4:])[..., 0])
-
-    @staticmethod
-    def through(samples: np.ndarray) -> np.ndarray:
-        """Spheres through four points (…, 4, 3): three differences of their equations give the centre."""
-        first, others = samples[..., :1, :], samples[..., 1:, :]
-        D = others - first
-        k = solve(2.0 * D, np.einsum("...ni,...ni->...n", D, D)[..., None])[..., 0]
-        radius = np.sqrt(np.einsum("...i,...i->...", k, k))
-        return np.concatenate([k + first[..., 0, :], radius[..., None]], axis=-1)
-
-
-def _with_radius(x: np.ndarray) -> np.ndarray:
-    """(k, r) from (k, δ); NaN without a real sphere."""
-    squared_radius = x[..., 3] + np.einsum("...i,...i->...", x[..., :3], x[..., :3])
-    radius = np.sqrt(np.where(squared_radius > 0, squared_radius, np.nan))
-    return np.concatenate([x[..., :3], radius[..., None]], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from .. import published
 from ..methods import SPHERE_METHODS
 from ..simulate import GROSS_POINTS
 from ..sphere import SphereFit
-from . import GREY, GROSS, STYLE, TRUTH, new, publish
+from . import GREY, GROSS, TRUTH, new, publish
 
 STEM = "03_sphere_tables"
 
@@ -25,7 +25,7 @@ LOST = 0.5  # a final weight below which a point counts as given up
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 
 
-def errors(studies: Mapping[int, Mapping[str, pd.DataFrame]], methods: Mapping[str, str]):
+def errors(studies: Mapping[int, Mapping[str, pd.DataFrame]], methods: Mapping[str, str]) -> None:
     """How large is the error of each parameter, by method? |Δ| over the redraws with the printed errors marked.
 
     studies : table -> variant -> trials; methods : variant -> name in `SPHERE_METHODS`, which gives label, colour and marker.
@@ -57,7 +57,6 @@ def errors(studies: Mapping[int, Mapping[str, pd.DataFrame]], methods: Mapping[s
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     publish(figure, f"{STEM}_errors", data)
-    return data
 
 
 def _error_line(ax, y, line):
@@ -88,7 +87,7 @@ def _error_quantiles(studies, methods) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def positions(comparisons: Sequence[pd.DataFrame]):
+def positions(comparisons: Sequence[pd.DataFrame]) -> None:
     """Where does each printed number lie among the redraws? Its percentile, on a scale even for normal errors."""
     figure, axes = new(1, 2, height=4.6, sharex=True, sharey=True)
     data = pd.concat(comparisons, ignore_index=True)[["table", "method", "quantity", "printed", "percentile", "verdict"]]
@@ -121,10 +120,9 @@ def positions(comparisons: Sequence[pd.DataFrame]):
     handles.append(Line2D([], [], color=TRUTH, ls="", label="outside", **hollow))
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     publish(figure, f"{STEM}_positions", data)
-    return data
 
 
-def maps(clean: NDArray[np.float64], gross: NDArray[np.float64], fits: Mapping[str, SphereFit]):
+def maps(clean: NDArray[np.float64], gross: NDArray[np.float64], fits: Mapping[str, SphereFit]) -> None:
     """What residuals are left, and which points keep their weight? The cap from above.
 
     clean, gross : (500, 3) the committed clouds, m; fits : ``ls gross``, ``igg gross``, ``igg clean`` of these clouds.
@@ -171,12 +169,10 @@ def maps(clean: NDArray[np.float64], gross: NDArray[np.float64], fits: Mapping[s
         Line2D([], [], marker="X", ls="", markersize=6, color="#440154", label=f"weight below {LOST:g}"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    data = pd.concat(frames, ignore_index=True)
-    publish(figure, f"{STEM}_maps", data)
-    return data
+    publish(figure, f"{STEM}_maps", pd.concat(frames))
 
 
-def weights(histories: Mapping[str, tuple[NDArray[np.float64], SphereFit]]):
+def weights(histories: Mapping[str, tuple[NDArray[np.float64], SphereFit]]) -> None:
     """When does each gross error lose its weight? One panel a case, ten iterations.
 
     histories : title -> (depth of the five gross errors in m, fit that kept its history).
@@ -197,6 +193,4 @@ def weights(histories: Mapping[str, tuple[NDArray[np.float64], SphereFit]]):
         ax.set_xlabel("iteration")
         ax.legend(title="point and depth", fontsize=7, title_fontsize=7, loc="upper right")
     axes[0].set_ylabel("weight used in the iteration")
-    data = pd.concat(frames, ignore_index=True)
-    publish(figure, f"{STEM}_weights", data)
-    return data
+    publish(figure, f"{STEM}_weights", pd.concat(frames))

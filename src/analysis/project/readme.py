@@ -11,12 +11,25 @@ import argparse
 import re
 import sys
 
-from analysis import paths
+from analysis import paths, published, tables
 
 README = paths.ROOT / "README.md"
 
-SECTIONS = {}
-"""Section name -> function without arguments that returns its Markdown. The table `make reproduce` shows at the end is "headline"."""
+
+def comparisons():
+    """The comparisons of tables 1 and 2 with the redraws, as notebook 03 wrote them."""
+    return [tables.read(paths.RESULTS / f"03_sphere_tables_table{table}.csv") for table in published.TITLES]
+
+
+SECTIONS = {
+    "headline": lambda: published.headline_markdown(comparisons()),
+    "outside": lambda: published.outside_markdown(comparisons()),
+    "map": lambda: published.map_markdown(comparisons()),
+}
+"""Section name -> function without arguments that returns its Markdown."""
+
+TERMINAL = {"headline": lambda: published.headline(comparisons())}
+"""Sections that have a form of their own for the screen; `make reproduce` shows "headline" at the end."""
 
 PATTERN = re.compile(r"(<!-- begin generated: (?P<name>[\w-]+) -->\n).*?(<!-- end generated: (?P=name) -->)", re.DOTALL)
 
@@ -44,7 +57,7 @@ def main(arguments=None, readme=README, sections=SECTIONS):
     choice.add_argument("--show", metavar="NAME", choices=sorted(sections), help="print one section instead")
     options = parser.parse_args(arguments)
     if options.show:
-        print(sections[options.show]())
+        print(TERMINAL.get(options.show, sections[options.show])())
         return 0
     old = readme.read_text(encoding="utf-8")
     new = generate(old, sections)
