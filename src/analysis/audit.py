@@ -30,16 +30,18 @@ def good_points(clouds: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.delete(clouds, np.array(GROSS_POINTS) - 1, axis=1)
 
 
-def printed_spheres(table: int, method: str, wrong_sign: bool = False) -> NDArray[np.float64]:
+def printed_spheres(table: int, method: str, wrong_sign: bool = False, delta_r: float | None = None) -> NDArray[np.float64]:
     """(16, 4): the spheres (a, b, c, r) in m that a printed row allows, one for each choice of signs; NaN if not real.
 
-    With `wrong_sign` the printed Δr is that of `radius_with_wrong_sign`, and r the radius that leads to it.
+    `delta_r`: an |Δr| in m to be tried instead of the printed one. With `wrong_sign` the printed Δr is that of `radius_with_wrong_sign`, and r the radius that leads to it.
 
     >>> printed_spheres(1, "ls")[0].round(4).tolist()
     [9.9998, 10.0, 0.9984, 14.1407]
     """
     row = {number.quantity: number.value for number in printed_numbers(table) if number.method == method}
     errors = np.array([row[f"abs_delta_{name}_m"] for name in "abcr"])
+    if delta_r is not None:
+        errors[3] = delta_r
     spheres = [*SPHERE_CENTER, SPHERE_RADIUS] + np.array(list(product((-1, 1), repeat=4))) * errors
     if wrong_sign:
         spheres[:, 3] = radius_with_wrong_sign(spheres)
@@ -104,20 +106,20 @@ def _least(good: NDArray[np.float64], spheres: NDArray[np.float64], weigh: bool)
     return float(least)
 
 
-def normal_equation(clouds: NDArray[np.float64], wrong_sign: bool = False) -> pd.DataFrame:
+def normal_equation(clouds: NDArray[np.float64], wrong_sign: bool = False, delta_r: float | None = None) -> pd.DataFrame:
     """The LS row of table 2 against the equation Σ r = 0, which LS with a column of ones fulfils exactly.
 
     The five gross residuals sum up to minus those of the good points, hence ``Σ_gross r² ≥ (Σ_good r)²/5``
     (Cauchy-Schwarz), while the printed σ0 leaves them ``496 σ0² − Σ_good r²``. The row is possible where the ratio of
     the two is at most 1. Gross errors inside the sphere have r < 0, so they need ``Σ_good r > 0``.
 
-    Parameters: clouds (B, 500, 3), m; wrong_sign as in `printed_spheres`. One row a choice of signs: ``signs``;
+    Parameters: clouds (B, 500, 3), m; wrong_sign and delta_r as in `printed_spheres`. One row a choice of signs: ``signs``;
     ``sum_good_m2``, Σ_good r, and ``ratio``, of the cloud whose ratio is the smallest (infinite if σ0 leaves nothing).
     """
     good = good_points(clouds)
     sigma_0 = next(n.value for n in printed_numbers(2) if (n.method, n.quantity) == ("ls", "sigma_0"))
     rows = []
-    for signs, sphere in zip(product("-+", repeat=4), printed_spheres(2, "ls", wrong_sign), strict=True):
+    for signs, sphere in zip(product("-+", repeat=4), printed_spheres(2, "ls", wrong_sign, delta_r), strict=True):
         r = np.sum((good - sphere[:3]) ** 2, axis=-1) - sphere[3] ** 2
         total = r.sum(axis=1)
         left = REDUNDANCY * sigma_0**2 - np.sum(r * r, axis=1)

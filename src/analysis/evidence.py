@@ -2,8 +2,7 @@
 
 The points were never published. That the cloud of :mod:`analysis.simulate` is of their kind follows
 from the printed numbers themselves, and each function here is one such argument: the noise is the
-rounding to 0.01 m, the points lie on the upper cap alone, the gross errors lie inside the sphere. One
-function shows the opposite: what no cloud of that kind can give.
+rounding to 0.01 m, the points lie on the upper cap alone, the gross errors lie inside the sphere.
 
 Source: Ou & Liu (2017), section 2.1 and tables 1 and 2, doi:10.7510/jgjs.issn.1001-3806.2017.05.026.
 """
@@ -12,7 +11,6 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from itertools import product
 from statistics import NormalDist
 
 import numpy as np
@@ -124,35 +122,4 @@ def inside_or_outside(clean: NDArray[np.float64], gross: NDArray[np.float64]) ->
     for name, points in (("inside", gross), ("outside", 2 * clean - gross)):
         fit = fit_sphere(points, "ls")
         rows.append({"gross errors": name, "ratio": fit.sigma_0 / (2 * SPHERE_RADIUS * fit.sigma_s)})
-    return pd.DataFrame(rows)
-
-
-def table_2_bound(clean: NDArray[np.float64], delta_r: float | None = None, gross_errors: int = 5) -> pd.DataFrame:
-    """Can five gross errors give the LS errors printed in table 2? One row for each choice of their signs.
-
-    LS with a column of ones leaves ``Σ r = 0``. So the residuals of the g gross errors add up to minus those of the
-    n − g good points, which the printed errors determine, and by Cauchy-Schwarz ``Σ_gross r² ≥ (Σ_good r)²/g``.
-    The printed σ0 leaves them ``(n − 4) σ0² − Σ_good r²``.
-
-    Columns: the signs of Δa, Δb, Δc, Δr; needed_m4, the least Σ_gross r²; left_m4, what σ0 leaves (negative where the
-    good points alone exceed it).
-
-    Parameters
-    ----------
-    clean : (n, 3) points on the cap, m; its first n − g stand for the good points.
-    delta_r : |Δr| in m to be tried instead of the printed one.
-    gross_errors : their number g.
-    """
-    table = printed(2)
-    sizes = np.array([table[f"abs_delta_{name}_m"] for name in "abcr"])
-    if delta_r is not None:
-        sizes[3] = delta_r
-    good = clean[: len(clean) - gross_errors]
-    rows = []
-    for signs in product((-1, 1), repeat=4):
-        center, radius = SPHERE_CENTER + np.array(signs[:3]) * sizes[:3], SPHERE_RADIUS + signs[3] * sizes[3]
-        residuals = np.sum((good - center) ** 2, axis=1) - radius**2
-        needed = residuals.sum() ** 2 / gross_errors
-        left = (len(clean) - PARAMETERS) * table["sigma_0"] ** 2 - np.sum(residuals**2)
-        rows.append(dict(zip("abcr", signs, strict=True)) | {"needed_m4": needed, "left_m4": left})
     return pd.DataFrame(rows)
