@@ -233,7 +233,7 @@ def shown(changes: pd.DataFrame) -> pd.DataFrame:
     frame = changes.rename(columns={"equation": "eq.", "center_mm": "centre/mm", "radius_mm": "radius/mm", "sigma_0_ratio": "σ0 ratio"})
     for name, head in (("rejected", "rejected"), ("faded", "faded"), ("iterations", "rounds")):
         pairs = zip(changes[f"{name}_literal"], changes[f"{name}_other"], strict=True)
-        frame[head] = [f"{literal} → {'–' if pd.isna(other) else other}" for literal, other in pairs]
+        frame[head] = [" → ".join("–" if pd.isna(count) else str(count) for count in pair) for pair in pairs]
     for column in ("eq.", "reading"):
         frame[column] = frame[column].where(~changes["reading"].duplicated(), "")
     return frame[["eq.", "reading", "cloud", "centre/mm", "radius/mm", "σ0 ratio", "rejected", "faded", "rounds", "matters"]]
