@@ -33,7 +33,8 @@ def good_points(clouds: NDArray[np.float64]) -> NDArray[np.float64]:
 def printed_spheres(table: int, method: str, wrong_sign: bool = False, delta_r: float | None = None) -> NDArray[np.float64]:
     """(16, 4): the spheres (a, b, c, r) in m that a printed row allows, one for each choice of signs; NaN if not real.
 
-    `delta_r`: an |Δr| in m to be tried instead of the printed one. With `wrong_sign` the printed Δr is that of `radius_with_wrong_sign`, and r the radius that leads to it.
+    `delta_r`: an |Δr| in m to be tried instead of the printed one. With `wrong_sign` the printed Δr is that of
+    `radius_with_wrong_sign`, and r the radius that leads to it.
 
     >>> printed_spheres(1, "ls")[0].round(4).tolist()
     [9.9998, 10.0, 0.9984, 14.1407]

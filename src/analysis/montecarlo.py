@@ -6,7 +6,6 @@ fitted by itself, and how they are shared out among the cores changes no result 
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Mapping, Sequence
 

@@ -439,7 +439,7 @@ def _require_full_rank(R: np.ndarray) -> None:
     scaled = R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), np.finfo(float).tiny)
     smallest = np.linalg.svd(scaled, compute_uv=False)[..., -1]
     if np.any(smallest < 16 * np.finfo(float).eps):
-        raise ValueError(f"A: expected independent columns, got a smallest singular value of {smallest.min():.1g} for columns of unit length")
+        raise ValueError(f"A: expected independent columns, got a smallest singular value of {smallest.min():.1g} for unit columns")
 
 
 def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:

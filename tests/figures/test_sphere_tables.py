@@ -1,7 +1,6 @@
 """What the figures of notebook 03 show is what is exported, and that is what the studies returned."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib import pyplot
 from scipy.special import ndtri

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .. import evidence
 from ..simulate import GROSS_POINTS, SPHERE_CENTER, SPHERE_RADIUS
-from . import GREY, GROSS, PAGE, STYLE, TRUTH, new, publish
+from . import GREY, GROSS, PAGE, TRUTH, new, publish
 
 STEM = "01_simulated_sphere"
 CROSS = {"s": 45, "color": GROSS, "marker": "X", "edgecolors": "white", "linewidths": 0.6}  # a gross error
