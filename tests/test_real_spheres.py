@@ -92,26 +92,34 @@ def test_masking_a_root_mean_square_cannot_reject_more_than_its_bound(scans):
     assert row["reference_k1_sigma_mm"] == pytest.approx(2.5e3 * np.sqrt(np.mean(d**2)))
 
 
-def test_a_thinned_scan_has_the_share_and_found_counts_it(scans):
-    table = real_spheres.thinned([SCAN], ["rms", "rms_w"], [0.2, 0.5], HALF_WIDTH, seed=1)
-    assert table["off_sphere_percent"].unique().tolist() == [50]  # the scan itself has 40 %: 20 % cannot be had
-    assert (table["points"] == 800).all()
-    found = real_spheres.found(table, within_mm=2)
-    assert list(found.columns) == ["scale", "cumulative", "50 %"]
-    assert found["50 %"].tolist() == (table["center_error_mm"] < 2).astype(int).tolist()
-
-
-def test_ranges_and_differences(scans):
-    table = real_spheres.methods([SCAN], [WHOLE, HALF_WIDTH])
-    ranges = real_spheres.ranges(table)
+def test_ranges(scans):
+    ranges = real_spheres.ranges(real_spheres.methods([SCAN], [WHOLE, HALF_WIDTH]))
     assert len(ranges) == 2 * len(SPHERE_METHODS)
     assert (ranges["center_error_mm_min"] == ranges["center_error_mm_max"]).all()  # one scan
-    differences = real_spheres.differences(table)
-    assert "ls" not in set(differences["method"])
-    row = differences[(differences["method"] == "igg3_wtls") & (differences["half_width_mm"] == WHOLE)].iloc[0]
-    fits = table[table["half_width_mm"] == WHOLE].set_index("method")
-    assert row["dr_mm"] == pytest.approx(1e3 * (fits["r_m"]["igg3_wtls"] - fits["r_m"]["ls"]))
-    assert row["largest_mm"] == row[["dx_mm", "dy_mm", "dz_mm", "dr_mm"]].abs().max()
+
+
+def test_robust_finds_the_sphere_whole_wherever_it_stands(scans):
+    table = real_spheres.robust_fits([SCAN], (5e5, 4e6, 100.0)).set_index(["radius", "offset"])
+    assert (table["center_error_mm"] < 0.05).all()
+    assert table.loc[("free", "yes"), "center_error_mm"] == pytest.approx(table.loc[("free", "no"), "center_error_mm"], abs=1e-5)
+    assert table.loc[("held", "no"), "radius_error_mm"] == pytest.approx(0, abs=1e-9)
+    limits = real_spheres.limits(table.reset_index())
+    assert len(limits) == 6 and (limits["holds"] == "yes").all()
+
+
+def test_a_limit_that_does_not_hold_is_told(scans):
+    table = real_spheres.robust_fits([SCAN], (0.0, 0.0, 0.0))
+    table.loc[table["radius"] == "held", "center_error_mm"] = 0.2
+    limits = real_spheres.limits(table)
+    assert (limits.loc[limits["radius"] == "held", "holds"] == "NO").all()
+
+
+def test_peers_see_the_same_points(scans):
+    table = real_spheres.peer_fits([SCAN], 0.0003).set_index("method")
+    ls = real_spheres.methods([SCAN]).set_index("method").loc["ls"]
+    assert table.loc["scikit-spatial", "center_error_mm"] == pytest.approx(ls["center_error_mm"], rel=1e-6)
+    assert len(table) == 5
+    assert table.loc["scipy soft_l1", "center_error_mm"] > 1
 
 
 def test_by_scan_keeps_the_order_of_the_table(scans):
@@ -120,13 +128,6 @@ def test_by_scan_keeps_the_order_of_the_table(scans):
     assert list(wide.columns) == ["scale", "cumulative", SCAN]
     assert list(wide["scale"]) == ["rms", "rms", "rms_in", "rms_in", "unit", "unit"]
     assert wide[SCAN].tolist() == table["in_use"].tolist()
-
-
-def test_printed_differences_are_those_of_table_3():
-    table = real_spheres.printed_differences().set_index(["sphere", "method"])
-    assert table.loc[("II", "tls"), "dy_mm"] == pytest.approx(0.1)  # the one difference that the paper's text names
-    assert table.loc[("I", "igg3_wtls"), ["dx_mm", "dz_mm", "dr_mm"]].tolist() == pytest.approx([-3.6, 3.1, -1.1])
-    assert table.loc[("II", "igg3_wtls"), ["sigma_s_mm", "sigma_s_ls_mm"]].tolist() == pytest.approx([0.70619, 5.4274])
 
 
 def test_the_section_is_a_slice_seen_from_above(scans):

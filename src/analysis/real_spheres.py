@@ -1,4 +1,4 @@
-"""Real scans of sphere targets: what every method returns, beside a reference sphere.
+"""Real scans of sphere targets: what every method, and what other libraries return, beside a reference sphere.
 
 The scans hold more than the sphere: a flat surface that stands beside it, and mixed pixels, whose beam
 falls partly on the rim of the sphere and partly on what is behind. The reference is the centre that the
@@ -12,16 +12,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 import pandas as pd
 
+from . import peers
 from .accuracy import rms
 from .fit import ConvergenceWarning
 from .methods import SPHERE_METHODS, fit_sphere
 from .paths import SCANS
 from .points import read_points
-from .published import printed_numbers
 from .sphere import SphereFit
 
 NOMINAL_RADIUS = 0.05  # m, of all the targets
@@ -31,6 +32,8 @@ REFERENCE_CENTERS = {  # m
     "SPH103": (-3.508773, 5.865925, -1.570917),
     "SPH107": (-5.880140, 3.631157, 0.040103),
 }
+# Asked of `robust` on whole scans: (radius free or held, error of) -> median and largest over the scans, mm.
+LIMITS = {("free", "center"): (0.2, 0.4), ("free", "radius"): (0.2, 0.3), ("held", "center"): (0.05, 0.15)}
 WHOLE = np.inf  # half-width of the cut that leaves a scan as it is
 
 
@@ -107,35 +110,53 @@ def scale_readings(scans: Iterable[str], scales: Iterable[str]) -> pd.DataFrame:
     return _scan_first(rows)
 
 
-def thinned(scans: Iterable[str], scales: Iterable[str], shares: Iterable[float], half_width: float, seed: int) -> pd.DataFrame:
-    """The readings of :func:`scale_readings` on scans of which part of the sphere is left out: one row a fit.
+def robust_fits(scans: Iterable[str], offset: Iterable[float]) -> pd.DataFrame:
+    """``robust`` on the whole scans: radius free and held, coordinates as they are and with ``offset`` (m) added. One row a fit.
 
-    Of the points within ``half_width`` (m) of the reference sphere as many are drawn as make the others the
-    given share of all; a smaller share draws all that a larger one draws. A share that the whole scan exceeds is left out.
+    Columns: radius, offset, scan; ``center_error_mm`` and ``radius_error_mm`` from the reference; ``sd_center_mm`` as the fit states it;
+    ``in_use``, points.
     """
     rows = []
-    for scan in scans:
-        points = read(scan)
-        off = np.abs(reference_distances(points, scan)) > half_width
-        order = np.random.default_rng(seed).permutation(np.flatnonzero(~off))
-        for share in shares:
-            count = round(np.count_nonzero(off) * (1 - share) / share)
-            if count > len(order):
-                continue
-            part = np.concatenate([points[off], points[order[:count]]])
-            for scale in scales:
-                for cumulative in (True, False):
-                    row = _row(_fit(part, "igg3_wtls", scale=scale, cumulative=cumulative), scan)
-                    rows.append({"off_sphere_percent": 100 * share, "scale": scale, "cumulative": cumulative} | row)
-    return _scan_first(rows)
+    for radius, options in (("free", {}), ("held", {"radius": NOMINAL_RADIUS})):
+        for added, shift in (("no", np.zeros(3)), ("yes", np.array(offset, dtype=float))):
+            for scan in scans:
+                fit = _fit(read(scan) + shift, "robust", **options)
+                error = fit.center - shift - REFERENCE_CENTERS[scan]
+                row = {"radius": radius, "offset": added, "scan": scan, "center_error_mm": 1e3 * np.linalg.norm(error)}
+                row["radius_error_mm"] = 1e3 * (fit.radius - NOMINAL_RADIUS)
+                row["sd_center_mm"] = 1e3 * np.linalg.norm(fit.standard_deviations[:3])
+                rows.append(row | {"in_use": np.count_nonzero(fit.inliers)})
+    return pd.DataFrame(rows)
 
 
-def found(table: pd.DataFrame, within_mm: float) -> pd.DataFrame:
-    """In how many scans of a table of :func:`thinned` the centre is within ``within_mm`` of the reference; a column a share in percent."""
-    keys = ["scale", "cumulative"]
-    counts = (table["center_error_mm"] < within_mm).groupby([table["off_sphere_percent"], *(table[key] for key in keys)], sort=False).sum()
-    wide = counts.unstack("off_sphere_percent").reindex(table.set_index(keys).index.unique())
-    return wide.rename(columns="{:g} %".format).rename_axis(columns=None).reset_index()
+def limits(table: pd.DataFrame) -> pd.DataFrame:
+    """What is asked of ``robust`` on the whole scans, beside the errors of a table of :func:`robust_fits`, mm."""
+    rows = []
+    for (radius, quantity), (median, largest) in LIMITS.items():
+        for offset in ("no", "yes"):
+            errors = table.loc[(table["radius"] == radius) & (table["offset"] == offset), f"{quantity}_error_mm"].abs()
+            row = {"radius": radius, "error of the": quantity, "offset": offset, "median": errors.median(), "asked": median}
+            holds = errors.max() <= largest and errors.median() <= median
+            rows.append(row | {"largest": errors.max(), "asked ": largest, "holds": "yes" if holds else "NO"})
+    return pd.DataFrame(rows)
+
+
+def peer_fits(scans: Iterable[str], told: float) -> pd.DataFrame:
+    """Other libraries on the whole scans: errors from the reference, one row a fit.
+
+    ``told``: the scale that the robust losses are told, m; each is run without, too.
+    """
+    fits = {peers.LIBRARY: peers.best_fit}
+    for loss in peers.LOSSES:
+        fits[f"scipy {loss}"] = partial(peers.robust_loss, loss=loss)
+        fits[f"scipy {loss}, told {1e3 * told:g} mm"] = partial(peers.robust_loss, loss=loss, scale=told)
+    rows = []
+    for name, fit in fits.items():
+        for scan in scans:
+            sphere = fit(read(scan))
+            errors = 1e3 * np.linalg.norm(sphere[:3] - REFERENCE_CENTERS[scan]), 1e3 * (sphere[3] - NOMINAL_RADIUS)
+            rows.append({"scan": scan, "method": name} | dict(zip(("center_error_mm", "radius_error_mm"), errors, strict=True)))
+    return pd.DataFrame(rows)
 
 
 def masking(scans: Iterable[str], half_width: float, k0: float, k1: float) -> pd.DataFrame:
@@ -178,42 +199,6 @@ def by_scan(table: pd.DataFrame, keys: list[str], value: str) -> pd.DataFrame:
     """One value of a tidy table with a column a scan and a row for each combination of ``keys``, in their order in the table."""
     wide = table.pivot(index=keys, columns="scan", values=value)
     return wide.reindex(table.set_index(keys).index.unique()).rename_axis(columns=None).reset_index()
-
-
-def differences(table: pd.DataFrame, method: str = "ls") -> pd.DataFrame:
-    """Centre and radius of every other method less those of one method in mm, of a table of :func:`methods`.
-
-    ``largest_mm`` is the largest of the four without its sign.
-    """
-    values = table.set_index(["scan", "half_width_mm", "method"])[["x_m", "y_m", "z_m", "r_m"]]
-    base = values.xs(method, level="method").reindex(values.index.droplevel("method"))
-    found = pd.DataFrame(1e3 * (values.to_numpy() - base.to_numpy()), values.index, ["dx_mm", "dy_mm", "dz_mm", "dr_mm"])
-    found["largest_mm"] = found.abs().max(axis=1)
-    found = found.reset_index()
-    return found[found["method"] != method].reset_index(drop=True)
-
-
-def printed_differences() -> pd.DataFrame:
-    """The same differences from LS in table 3 of Ou & Liu (2017), printed to 0.1 mm, and the printed σs of both methods."""
-    printed = pd.DataFrame(
-        [{"sample": number.sample, "method": number.method, number.quantity: number.value} for number in printed_numbers(3)]
-    )
-    printed = printed.groupby(["sample", "method"], sort=False).first()
-    rows = []
-    for (sample, method), row in printed.iterrows():
-        if method != "ls":
-            ls = printed.loc[(sample, "ls")]
-            moved = 1e3 * (row - ls)[["a_m", "b_m", "c_m", "r_m"]]
-            rows.append(
-                {
-                    "sphere": sample,
-                    "method": method,
-                    **dict(zip(("dx_mm", "dy_mm", "dz_mm", "dr_mm"), moved, strict=True)),
-                    "sigma_s_mm": 1e3 * row["sigma_s_m"],
-                    "sigma_s_ls_mm": 1e3 * ls["sigma_s_m"],
-                }
-            )
-    return pd.DataFrame(rows)
 
 
 def section(scan: str, half_thickness: float, half_width: float) -> pd.DataFrame:

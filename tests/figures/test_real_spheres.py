@@ -59,13 +59,16 @@ def test_section(table):
 
 
 def test_errors(table):
-    figures.errors(table, "04_test_errors")
+    peer = table.iloc[:1].assign(method="scipy cauchy", sd_center_mm=np.nan, center_error_mm=3.0)
+    table = pd.concat([table, peer])
+    figures.errors(table, 0.4, "04_test_errors")
     figure = pyplot.gcf()
     assert_same(exported("04_test_errors"), table[["half_width_mm", "scan", "method", "center_error_mm", "sd_center_mm"]])
     assert len(figure.axes) == 3
-    drawn = [line.get_xdata()[0] for line in figure.axes[0].lines if len(line.get_xdata())]
+    drawn = [line.get_xdata()[0] for line in figure.axes[0].lines if len(line.get_xdata()) == 1]
     whole = table[table["half_width_mm"] == WHOLE]
-    assert sorted(drawn) == sorted([*whole["center_error_mm"], *whole["sd_center_mm"]])
+    assert sorted(x for x in drawn if x == x) == sorted([*whole["center_error_mm"], *whole["sd_center_mm"].dropna()])
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()][-1] == "scipy cauchy"
 
 
 def test_trimming(table):

@@ -18,6 +18,7 @@ OFF = {"color": "#6E6E6E", "markersize": 5.0, "markeredgewidth": 0.9}
 REFERENCE = {"color": "#444444", "linestyle": (0, (1, 1.5)), "linewidth": 2.5}
 IDLE = {"zorder": 5, "markerfacecolor": "white", "markeredgecolor": TRUTH, "markersize": 5}
 SCAN_MARKERS = "osD^vP*Xp<>"
+PEER = "#5A5A5A"  # what is not a method of this project
 
 
 def section(scan: str, half_thickness: float, half_width: float, stem: str) -> None:
@@ -65,27 +66,38 @@ def _section_legend() -> list:
     ]
 
 
-def errors(table: pd.DataFrame, stem: str) -> None:
-    """Centre errors by method and scan beside the standard deviations that the fits claim; one panel a half-width of the table."""
+def errors(table: pd.DataFrame, limit_mm: float, stem: str) -> None:
+    """Centre errors by method and scan beside the standard deviations that the fits claim; one panel a half-width of the table.
+
+    Methods that are not of this project, and variants, stand below the others. ``limit_mm``: what is asked of ``robust``.
+    """
     half_widths = table["half_width_mm"].unique()
     scans = table["scan"].unique()
-    figure, axes = new(1, len(half_widths), height=1.2 + 0.42 * len(SPHERE_METHODS), sharex=True, sharey=True, squeeze=False)
+    names = [*SPHERE_METHODS, *(name for name in table["method"].unique() if name not in SPHERE_METHODS)]
+    figure, axes = new(1, len(half_widths), height=1.3 + 0.27 * len(names), sharex=True, sharey=True, squeeze=False)
     for ax, half_width in zip(axes[0], half_widths, strict=True):
-        for place, (name, method) in enumerate(SPHERE_METHODS.items()):
+        ax.axvline(limit_mm, color=TRUTH, linewidth=0.8, linestyle="--")
+        for place, name in enumerate(names):
             chosen = table[(table["method"] == name) & (table["half_width_mm"] == half_width)].set_index("scan")
+            known = SPHERE_METHODS.get(name.split(",")[0])
+            colour = known.colour if known else PEER
             for scan, marker, offset in zip(scans, SCAN_MARKERS, np.linspace(-0.27, 0.27, len(scans)), strict=False):
+                if scan not in chosen.index:
+                    continue
                 height = place + offset
                 ax.plot(chosen["sd_center_mm"][scan], height, "|", color=GREY, markersize=7, markeredgewidth=1.4)
-                ax.plot(chosen["center_error_mm"][scan], height, marker, color=method.colour, markersize=5)
+                face = colour if name in SPHERE_METHODS else "white"
+                ax.plot(chosen["center_error_mm"][scan], height, marker, color=colour, markersize=5, markerfacecolor=face)
         ax.set(xscale="log", xlabel="distance from the reference centre (mm)", title=_cut_title(half_width))
         ax.xaxis.set_major_formatter("{x:g}")
         ax.grid(axis="y", visible=False)
-    ax.set_yticks(range(len(SPHERE_METHODS)), [method.label for method in SPHERE_METHODS.values()])
-    ax.invert_yaxis()
+    ax.set_yticks(range(len(names)), [SPHERE_METHODS[name].label if name in SPHERE_METHODS else name for name in names])
+    ax.set_ylim(len(names) - 0.5, -0.5)
     for scan, marker in zip(scans, SCAN_MARKERS, strict=False):
         ax.plot([], [], marker, color=TRUTH, markersize=5, label=scan)
-    ax.plot([], [], "|", color=GREY, markersize=7, markeredgewidth=1.4, label="standard deviation of the centre according to the fit")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncol=5, columnspacing=1.2, handletextpad=0.3)
+    ax.plot([], [], "|", color=GREY, markersize=7, markeredgewidth=1.4, label="sd of the centre, as the fit states it")
+    ax.plot([], [], color=TRUTH, linewidth=0.8, linestyle="--", label=f"{limit_mm:g} mm")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncol=6, columnspacing=1.2, handletextpad=0.3)
     _question(figure, "How far is the centre off, and how far does the fit say it is?")
     publish(figure, stem, table[["half_width_mm", "scan", "method", "center_error_mm", "sd_center_mm"]])
 
