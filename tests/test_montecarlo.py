@@ -231,4 +231,4 @@ def test_committed_tables_follow_from_the_rule():
 def test_the_map_leads_to_files():
     for _, notebook, file, verdict in PAPER_TO_PROJECT:
         assert (ROOT / file).exists() and (NOTEBOOKS / f"{notebook}.ipynb").is_file()
-        assert verdict in (1, 2) or isinstance(verdict, str)
+        assert verdict or file.endswith(".csv")

@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from . import tables
-from .paths import PUBLISHED
+from .paths import PUBLISHED, ROOT
 
 REPRODUCED = "reproduced to the printed digits"
 INSIDE = "inside the 95 % interval"
@@ -56,13 +56,13 @@ CAUSES = {
     (2, "igg3_wtls", "sigma_0"): "unexplained: the P_X that gives it is not the one that gives σ0 of table 1, and no reading gives both",
 }
 
-# What the paper shows -> where it is here. A table with redraws gets its verdicts counted, for the others they are words.
+# What the paper shows -> where it is here. Where the file is a comparison its verdicts are counted, the others have theirs in words.
 PAPER_TO_PROJECT = (
     ("figure 1, the simulated points", "01_simulated_sphere", "data/simulated", "drawn again: the authors' points are not published"),
     ("equations (1) to (18)", "02_sphere_methods", "src/analysis/igg3.py", "as printed; what each misprint changes is shown"),
-    ("table 1, without gross errors", "03_sphere_tables", "data/results/03_sphere_tables_table1.csv", 1),
-    ("table 2, with five gross errors", "03_sphere_tables", "data/results/03_sphere_tables_table2.csv", 2),
-    ("table 3, two scanned spheres", "04_real_spheres", "data/results", "the scans are not published; other scans instead"),
+    ("table 1, without gross errors", "03_sphere_tables", "data/results/03_sphere_tables_table1.csv", None),
+    ("table 2, with five gross errors", "03_sphere_tables", "data/results/03_sphere_tables_table2.csv", None),
+    ("table 3, by simulated scans (the scans are not published)", "04_real_spheres", "data/results/04_real_spheres_table3_cleaned.csv", None),
 )
 
 
@@ -407,18 +407,16 @@ def outside(comparison_tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     )
 
 
-def map_markdown(comparison_tables: Iterable[pd.DataFrame]) -> str:
+def map_markdown() -> str:
     """Return the map from what the paper shows to notebook, files and verdict as a Markdown table."""
-    frames = {int(frame["table"].iloc[0]): frame for frame in comparison_tables}
     rows = []
-    for shown, notebook, file, verdict_ in PAPER_TO_PROJECT:
-        words = _counted(frames[verdict_]) if isinstance(verdict_, int) else verdict_
+    for shown, notebook, file, words in PAPER_TO_PROJECT:
         rows.append(
             {
                 "in the paper": shown,
                 "notebook": f"[{notebook}](notebooks/{notebook}.ipynb)",
                 "file": f"[{file}]({file})",
-                "verdict": words,
+                "verdict": words or _counted(tables.read(ROOT / file)),
             }
         )
     return tables.markdown(pd.DataFrame(rows), 0)

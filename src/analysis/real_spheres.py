@@ -159,6 +159,20 @@ def peer_fits(scans: Iterable[str], told: float) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def summary(whole_scans: pd.DataFrame, robust: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
+    """Median and largest error from the reference over the whole scans in mm, one row a method: ours, then the peers.
+
+    Parameters: the tables of :func:`methods`, :func:`robust_fits` and :func:`peer_fits`.
+    """
+    labels = {name: method.label for name, method in SPHERE_METHODS.items()}
+    held = robust[(robust["radius"] == "held") & (robust["offset"] == "no")].assign(method="robust, radius held at 50 mm")
+    every = pd.concat([whole_scans.assign(method=whole_scans["method"].map(labels)), held, other])
+    every["radius_error_mm"] = every["radius_error_mm"].abs()
+    found = every.groupby("method", sort=False)[["center_error_mm", "radius_error_mm"]].agg(["median", "max"])
+    found.columns = ["centre, median/mm", "centre, largest/mm", "radius, median/mm", "radius, largest/mm"]
+    return found.reset_index()
+
+
 def masking(scans: Iterable[str], half_width: float, k0: float, k1: float) -> pd.DataFrame:
     """Why a scale from all points rejects so little: what IGG III would do at the LS start and at the reference sphere.
 

@@ -379,12 +379,15 @@ def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, ma
     return finished(cloud, "wtls", x, gauss_newton_cofactor(problem, x), sigma_0, ended)
 
 
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # a sphere that shrinks onto a point is reported by its ending
 def eiv(cloud: Cloud, *, max_iterations: int = 100) -> SphereFit:
     """Consistent weighted total least squares: w and p have the errors that the points give them.
 
     ``s_i = 4 (p_i − k)ᵀQ_i(p_i − k)``, ``Φ = Σ r²/s`` (the gradient-weighted, or Sampson, distance), minimised by
     Newton steps with the exact Hessian. Independent of the origin; takes any cofactors of the points and a
-    held radius. σ0 = √(Φ/(n − t)): in m without cofactors, else relative to them.
+    held radius. σ0 = √(Φ/(n − t)): in m without cofactors, else relative to them. The cofactors act along the
+    normals at the observed points: where they differ much with direction that biases the sphere, and
+    ``geometric``, which takes them at the adjusted points, is to be preferred.
 
     Source: Fang 2013; Ou & Liu 2017, eq. (3), with the correlation of w and p that it leaves out.
     """

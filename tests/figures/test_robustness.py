@@ -39,7 +39,8 @@ def drawn(ax):
 
 def test_bias():
     table = bias.study([(60, 0.002), (80, 0.002), (80, 0.001)], draws=3, n=30, seed=1)
-    figure = figures.bias(table, 80, 0.002)
+    figures.bias(table, 80, 0.002)
+    figure = pyplot.gcf()
     assert_exported("bias", table)
     for variant in bias.ORDER:
         ((angles, along, colour),) = drawn(figure.axes[0])[figures.VARIANTS[variant][4]]
@@ -52,7 +53,8 @@ def test_bias():
 
 def test_efficiency():
     table = efficiency.study(5, seed=1)
-    figure = figures.efficiency(table)
+    figures.efficiency(table)
+    figure = pyplot.gcf()
     assert_exported("efficiency", table)
     curves = drawn(figure.axes[0])
     for place, row in enumerate(table.itertuples()):
@@ -61,7 +63,8 @@ def test_efficiency():
 
 def test_breakdown():
     table = breakdown.study([0, 0.2], 4, 40, seed=1)
-    figure = figures.breakdown(table)
+    figures.breakdown(table)
+    figure = pyplot.gcf()
     assert_exported("breakdown", table)
     for ax, pattern in zip(figure.axes, breakdown.PATTERNS, strict=True):
         curves = drawn(ax)
@@ -72,7 +75,8 @@ def test_breakdown():
 
 def test_coverage():
     table = coverage.study(6, 30, 1, 80, [0, 0.2], {"isotropic": 0.002, "larger": 0.004}, ["ls", "robust"])
-    figure = figures.coverage(table)
+    figures.coverage(table)
+    figure = pyplot.gcf()
     assert_exported("coverage", table)
     curves = drawn(figure.axes[2])
     for method in ("ls", "robust"):
@@ -82,10 +86,12 @@ def test_coverage():
 
 def test_collapse():
     history, ends = collapse.history(sphere_redraws(1)[0]), collapse.redraws(4)
-    figure = figures.collapse(history, ends, last=30)
+    figures.collapse(history, ends, last=30)
+    figure = pyplot.gcf()
     shown = exported("collapse")
     steps = history[history["iteration"] <= 30].reset_index(drop=True)
-    pd.testing.assert_frame_equal(shown[shown["panel"] == "one cloud"][steps.columns].reset_index(drop=True), steps, rtol=1e-8, check_dtype=False)
+    of_one_cloud = shown[shown["panel"] == "one cloud"][steps.columns].reset_index(drop=True)
+    pd.testing.assert_frame_equal(of_one_cloud, steps, rtol=1e-8, check_dtype=False)
     variant = "weighted, cumulative"
     line = next(line for line in figure.axes[0].lines if line.get_label() == figures.SCALES[variant][2])
     assert line.get_ydata().tolist() == steps[steps["variant"] == variant]["left"].tolist()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.lines import Line2D
 
 from ..methods import SPHERE_METHODS
 from ..robustness.bias import CENTROID
-from ..robustness.breakdown import PATTERNS
+from ..robustness.breakdown import GOOD_POINTS, PATTERNS
 from ..robustness.redraws import share_interval
 from . import GREY, STYLE, TRUTH, new, publish
 
@@ -16,7 +16,8 @@ STEM = "05_robustness"
 LABELS = {name: method.label for name, method in SPHERE_METHODS.items()}
 TWO_SIDED = 1.96  # standard errors to either side
 
-# Variants have the colour of their method: marker, its size, line style, marker filled or not, label. Where curves coincide the first drawn are the largest.
+# Variants have the colour of their method. Marker, its size, line style, marker filled or not, label; where curves coincide the
+# first drawn are the largest.
 VARIANTS = {
     "ls": ("o", 9.5, "-", False, LABELS["ls"]),
     "tls": ("s", 8, "-", True, LABELS["tls"]),
@@ -31,7 +32,7 @@ VARIANTS = {
     "geometric, corrected": ("X", 6.5, "--", False, "orthogonal distance, corrected"),
     "robust": ("h", 4.5, "-", True, "robust"),
     "robust, k0 = 1.5, k1 = 2.5": ("h", 5.5, "-", False, "robust, k0 = 1.5, k1 = 2.5 (printed)"),
-    "robust, k0 = 2, k1 = 3": ("h", 5.5, "-", False, "robust, k0 = 2, k1 = 3"),
+    "robust, k0 = 2.5, k1 = 5": ("h", 5.5, "-", False, "robust, k0 = 2.5, k1 = 5"),
 }
 
 
@@ -39,7 +40,8 @@ def _style(variant: str) -> dict:
     """Keywords of plot and errorbar for a variant."""
     marker, size, line, filled, label = VARIANTS[variant]
     colour = SPHERE_METHODS[variant.split(",")[0]].colour
-    return {"color": colour, "marker": marker, "markersize": size, "linestyle": line, "markerfacecolor": colour if filled else "white", "label": label}
+    face = colour if filled else "white"
+    return {"color": colour, "marker": marker, "markersize": size, "linestyle": line, "markerfacecolor": face, "label": label}
 
 
 def _headed(figure, title: str, handles, columns: int) -> None:
@@ -48,12 +50,13 @@ def _headed(figure, title: str, handles, columns: int) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, columnspacing=1.4)
 
 
-def bias(table: pd.DataFrame, half_angle: float, sigma: float):
+def bias(table: pd.DataFrame, half_angle: float, sigma: float) -> None:
     """Bias of centre and radius against the half angle of the cap at noise `sigma` (m), and against the noise at `half_angle` (degrees)."""
     figure, axes = new(2, 2, height=6.0, sharex="col", sharey=True)
+    at_sigma, at_angle = np.isclose(table["sigma_mm"], 1e3 * sigma), table["half_angle_deg"] == half_angle
     sections = [
-        (table[np.isclose(table["sigma_mm"], 1e3 * sigma)], "half_angle_deg", f"noise {1e3 * sigma:g} mm", "half angle of the cap seen / °"),
-        (table[table["half_angle_deg"] == half_angle], "sigma_mm", f"half angle {half_angle:g}°", "noise of a coordinate / mm (radius 72.5 mm)"),
+        (table[at_sigma], "half_angle_deg", f"noise {1e3 * sigma:g} mm", "half angle of the cap seen / °"),
+        (table[at_angle], "sigma_mm", f"half angle {half_angle:g}°", "noise of a coordinate / mm (radius 72.5 mm)"),
     ]
     for column, (section, x, where, words) in enumerate(sections):
         for row, (y, of) in enumerate({"along": "Centre", "radius": "Radius"}.items()):
@@ -68,25 +71,27 @@ def bias(table: pd.DataFrame, half_angle: float, sigma: float):
         axes[1, column].set_xticks(section[x].unique(), [f"{value:g}" for value in section[x].unique()])
         axes[1, column].minorticks_off()
         axes[1, column].set_xlabel(words)
-    for ax, words in zip(axes[:, 0], ("centre, along the line of sight / mm\n← towards the scanner", "radius / mm\n← too small"), strict=True):
+    of = ("centre / mm\n← towards the scanner", "radius / mm\n← too small")
+    for ax, words in zip(axes[:, 0], of, strict=True):
         ax.set_yscale("symlog", linthresh=0.1, linscale=1.2)
         ax.set_yticks([-10, -1, -0.1, 0, 0.1, 1], ["−10", "−1", "−0.1", "0", "0.1", "1"])
         ax.minorticks_off()
         ax.set_ylabel(f"bias of the {words}")
-    _headed(figure, "Which methods are off in the mean?", handles, 3)
+    _headed(figure, "Which methods are off in the mean? Centre (along the line of sight) and radius", handles, 3)
     publish(figure, f"{STEM}_bias", table)
-    return figure
 
 
-def efficiency(table: pd.DataFrame):
+def efficiency(table: pd.DataFrame) -> None:
     """Standard deviation of the centre relative to the orthogonal distance fit, clean normal data, beside theory."""
     figure, ax = new(height=3.7)
     ax.axvline(1.0, color=GREY, linewidth=0.8)
+    mark = {"color": TRUTH, "markersize": 16, "markeredgewidth": 1.4, "label": "theory of the weight function"}
     for y, row in enumerate(table.itertuples()):
+        words = f"efficiency {row.efficiency_percent:.0f} %"
         if not np.isnan(row.theory_percent):
-            (theory,) = ax.plot((row.theory_percent / 100) ** -0.5, y, "|", color=TRUTH, markersize=16, markeredgewidth=1.4, label="theory of the weight function")
+            (theory,) = ax.plot((row.theory_percent / 100) ** -0.5, y, "|", **mark)
+            words += f" (theory {row.theory_percent:.0f} %)"
         ax.errorbar(row.sd_ratio, y, xerr=TWO_SIDED * row.sd_ratio_se, capsize=3, **_style(row.variant))
-        words = f"efficiency {row.efficiency_percent:.0f} %" + ("" if np.isnan(row.theory_percent) else f" (theory {row.theory_percent:.0f} %)")
         ax.annotate(words, (1.0, y), xycoords=("axes fraction", "data"), ha="right", va="center", fontsize=7.5)
     ax.set_yticks(range(len(table)), [VARIANTS[variant][4] for variant in table["variant"]])
     ax.set_ylim(len(table) - 0.4, -0.6)
@@ -95,18 +100,18 @@ def efficiency(table: pd.DataFrame):
     ax.set_xlabel("standard deviation of the centre relative to the orthogonal distance fit")
     _headed(figure, "What does robustness cost on clean data?", [theory], 1)
     publish(figure, f"{STEM}_efficiency", table)
-    return figure
 
 
-def breakdown(table: pd.DataFrame):
+def breakdown(table: pd.DataFrame) -> None:
     """Share of the runs within 10 mm against the share of gross errors, one panel a pattern."""
     figure, axes = new(1, len(PATTERNS), height=4.3, sharex=True, sharey=True)
     for ax, (pattern, words) in zip(axes, PATTERNS.items(), strict=True):
         handles = []
-        for variant, lines in table[table["pattern"] == pattern].groupby("variant", sort=False):
+        for variant, lines in table[(table["pattern"] == pattern) & (table["variant"] != GOOD_POINTS)].groupby("variant", sort=False):
             share = lines["within_percent"]
-            bars = [share - lines["low_percent"], lines["high_percent"] - share]
-            handles.append(ax.errorbar(lines["gross_percent"], share, np.maximum(bars, 0.0), capsize=2, elinewidth=1, clip_on=False, **_style(variant)))
+            bars = np.maximum([share - lines["low_percent"], lines["high_percent"] - share], 0.0)
+            style = {"capsize": 2, "elinewidth": 1, "clip_on": False} | _style(variant)
+            handles.append(ax.errorbar(lines["gross_percent"], share, bars, **style))
         ax.set_title(f"{pattern.capitalize()}: {words}", fontsize=8.5)
         ax.set_xlabel("gross errors / %")
     line = {"arrowstyle": "-", "color": GREY}
@@ -116,24 +121,24 @@ def breakdown(table: pd.DataFrame):
     axes[0].set_ylim(-2, 102)
     _headed(figure, "How many gross errors does each method bear?", handles, 3)
     publish(figure, f"{STEM}_breakdown", table)
-    return figure
 
 
-def coverage(table: pd.DataFrame):
+def coverage(table: pd.DataFrame) -> None:
     """How often the 95 % ellipsoid holds the truth: one row of panels a noise, at the right the part about 95 % enlarged."""
     noises, methods = table["noise"].unique(), list(dict.fromkeys(table["method"]))
-    figure, axes = new(len(noises), 2, height=4.6, sharey=True, sharex="col", width_ratios=(1.3, 1))
+    figure, axes = new(len(noises), 2, height=0.8 + 1.9 * len(noises), sharey=True, sharex="col", width_ratios=(1.3, 1))
     for panels, noise in zip(axes, noises, strict=True):
         for ax in panels:
             ax.axvspan(94, 96, color="#E2E2E2", zorder=0)
             ax.axvline(95, color=TRUTH, linewidth=0.8)
             for row in table[table["noise"] == noise].itertuples():
-                style = _style(row.method) | {"markerfacecolor": "white" if row.gross_percent else SPHERE_METHODS[row.method].colour, "clip_on": True}
+                style = _style(row.method) | {"markersize": 6}
+                style["markerfacecolor"] = "white" if row.gross_percent else style["color"]
                 y = methods.index(row.method) + (0.18 if row.gross_percent else -0.18)
                 bars = np.abs([[row.held_percent - row.low_percent], [row.high_percent - row.held_percent]])
                 ax.errorbar(row.held_percent, y, xerr=bars, capsize=3, **style)
             ax.grid(axis="y", visible=False)
-        panels[0].set_title(f"{noise.capitalize()} noise")
+        panels[0].set_title(f"Noise: {noise}")
         panels[1].set_title("enlarged about 95 %")
     axes[0, 0].set_yticks(range(len(methods)), [LABELS[name] for name in methods])
     axes[0, 0].set_ylim(len(methods) - 0.5, -0.5)
@@ -143,12 +148,11 @@ def coverage(table: pd.DataFrame):
     axes[-1, 1].set_xlabel("the same / %")
     shares = sorted(table["gross_percent"].unique())
     marks = [
-        mpl.lines.Line2D([], [], color=GREY, marker="o", linestyle="none", markerfacecolor="white" if share else GREY, label=words)
+        Line2D([], [], color=GREY, marker="o", linestyle="none", markerfacecolor="white" if share else GREY, label=words)
         for share, words in zip(shares, ["clean", *(f"{share:g} % gross errors" for share in shares[1:])], strict=True)
     ]
     _headed(figure, "Can the stated covariance be believed? The 95 % ellipsoid of (a, b, c, r)", marks, 2)
     publish(figure, f"{STEM}_coverage", table)
-    return figure
 
 
 # Variants of the scale: marker, line style; all in the colour of the method.
@@ -161,8 +165,8 @@ SCALES = {
 }
 
 
-def collapse(history: pd.DataFrame, redraws: pd.DataFrame, last: int):
-    """Points left and σ over the first `last` iterations on one cloud; and the distribution of the points left at the end over the redraws."""
+def collapse(history: pd.DataFrame, redraws: pd.DataFrame, last: int) -> None:
+    """Points left and σ over the first `last` iterations on one cloud; and how many points are left at the end, over the redraws."""
     figure, axes = new(1, 3, height=4.2)
     distribution = _distribution(redraws)
     for variant, (marker, line, label) in SCALES.items():
@@ -196,7 +200,6 @@ def collapse(history: pd.DataFrame, redraws: pd.DataFrame, last: int):
     shown = history[history["iteration"] <= last].assign(panel="one cloud")
     columns = ["panel", "variant", "iteration", "left", "sigma_mm", "percent", "low_percent", "high_percent"]
     publish(figure, f"{STEM}_collapse", pd.concat([shown, distribution.assign(panel="redraws")])[columns])
-    return figure
 
 
 def _distribution(redraws: pd.DataFrame) -> pd.DataFrame:

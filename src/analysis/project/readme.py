@@ -11,7 +11,7 @@ import argparse
 import re
 import sys
 
-from analysis import paths, published, tables
+from analysis import paths, published, real_spheres, tables
 
 README = paths.ROOT / "README.md"
 
@@ -21,10 +21,17 @@ def comparisons():
     return [tables.read(paths.RESULTS / f"03_sphere_tables_table{table}.csv") for table in published.TITLES]
 
 
+def scans():
+    """The errors on the real scans by method, as notebook 04 wrote them."""
+    results = (tables.read(paths.RESULTS / f"04_real_spheres_{name}.csv") for name in ("whole_scans", "robust", "peers"))
+    return tables.markdown(real_spheres.summary(*results), 2)
+
+
 SECTIONS = {
     "headline": lambda: published.headline_markdown(comparisons()),
     "outside": lambda: published.outside_markdown(comparisons()),
-    "map": lambda: published.map_markdown(comparisons()),
+    "map": published.map_markdown,
+    "scans": scans,
 }
 """Section name -> function without arguments that returns its Markdown."""
 
