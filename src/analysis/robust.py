@@ -26,7 +26,7 @@ import numpy as np
 from scipy.stats import norm
 
 from .accuracy import cofactor_from_normal, solve
-from .validation import positive, whole_number
+from .validation import BLOCK, pieces, positive, whole_number
 from .weights import IGG3, WeightFunction
 from .wtls import Ended, iterate
 
@@ -41,13 +41,13 @@ SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
 class GeometricModel(Protocol):
-    """What a geometry must supply; x (…, t), points (…, n, dim)."""
+    """What a geometry must supply; x (…, t), D (…, n, dim) unless something else is said."""
 
     dimension: int  # of the points
     free: list[int]  # the parameters to be estimated; the others are held
     sample: int  # points that determine one surface
 
-    def distances(self, x, D): ...  # (…, n)
+    def distances(self, x, D): ...  # of the points (B, n, dim) from K surfaces each, x (B, K, t); (B, K, n)
 
     def linearised(self, x, D): ...  # distances (…, n), normals (…, n, dim), Jacobian (…, t, n)
 
@@ -242,21 +242,25 @@ def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tu
     h = (n + len(model.free) + 1) // 2
     draws = np.argsort(generator.uniform(size=(SAMPLES, n)), axis=-1)[:, : model.sample]
     x = model.through(D[:, draws])  # (B, S, t)
-    best = np.argsort(_trimmed(model, x, D[:, None], h), axis=-1)[:, :CANDIDATES]
+    # A few clouds at a time: the distances from every sample are many, and should not leave the cache.
+    parts = pieces(len(D), max(1, 4 * BLOCK // (SAMPLES * n)))
+    cost = np.concatenate([_trimmed(model, x[part], D[part], h) for part in parts])
+    best = np.argsort(cost, axis=-1)[:, :CANDIDATES]
     x = np.take_along_axis(x, best[..., None], axis=1)
     for _ in range(4):
-        x = _concentrated(model, x, D[:, None], h)
-    best = np.argmin(_trimmed(model, x, D[:, None], h), axis=-1)
-    x = np.take_along_axis(x, best[:, None, None], axis=1)[:, 0]
+        x = _concentrated(model, x, D, h)
+    best = np.argmin(_trimmed(model, x, D, h), axis=-1)
+    x = np.take_along_axis(x, best[:, None, None], axis=1)
     for _ in range(20):
         x, before = _concentrated(model, x, D, h), x
         if np.array_equal(x, before):
             break
+    x = x[:, 0]
     if len(model.free) < x.shape[-1]:
         x = model.held(x)
         for _ in range(20):
             x = _concentrated_with_held(model, x, D, h)
-    sigma = np.sqrt(_trimmed(model, x, D, h) / h / _trimmed_variance(h / n))
+    sigma = np.sqrt(_trimmed(model, x[:, None], D, h)[:, 0] / h / _trimmed_variance(h / n))
     return x, sigma
 
 
@@ -267,15 +271,17 @@ def _in_canonical_order(D: np.ndarray) -> np.ndarray:
 
 
 def _trimmed(model, x, D, h: int) -> np.ndarray:
-    """Sum of the h smallest squared distances; infinite where there is no surface."""
-    squares = model.distances(x, D) ** 2
+    """Sum of the h smallest squared distances from each of the surfaces x (B, K, t), (B, K); infinite where there is none."""
+    squares = model.distances(x, D)
+    np.square(squares, out=squares)
     squares[np.isnan(squares)] = np.inf
-    return np.sum(np.partition(squares, h - 1, axis=-1)[..., :h], axis=-1)
+    squares.partition(h - 1, axis=-1)
+    return np.sum(squares[..., :h], axis=-1)
 
 
 def _concentrated(model, x, D, h: int) -> np.ndarray:
-    """One concentration step: the fit to the h closest points. It never increases the trimmed sum of the fit's own criterion."""
-    new = model.algebraic(D, _closest(model.distances(x, D), h))
+    """One concentration step of each x (B, K, t): the fit to its h closest points, which lessens the fit's own trimmed sum."""
+    new = model.algebraic(D[:, None], _closest(model.distances(x, D), h))
     return np.where(np.isfinite(new).all(axis=-1, keepdims=True), new, x)
 
 

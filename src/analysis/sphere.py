@@ -55,12 +55,15 @@ class SphereModel:
 
     @staticmethod
     def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """``|p − k| − r``, from |p|² − 2p·k + |k|²: in a centred frame nothing is lost by that."""
+        """``|p − k| − r`` from |p|² − 2p·k + |k|², which in a centred frame loses nothing; x (B, K, 4) → (B, K, n)."""
         k = x[..., :3]
-        squares = (-2.0 * k[..., None, :] @ points.swapaxes(-1, -2))[..., 0, :]
-        squares += np.einsum("...i,...i->...", k, k)[..., None] + np.einsum("...ni,...ni->...n", points, points)
+        squares = -2.0 * k @ points.swapaxes(-1, -2)
+        squares += np.einsum("...i,...i->...", k, k)[..., None]
+        squares += np.einsum("...ni,...ni->...n", points, points)[..., None, :]
         np.maximum(squares, 0.0, out=squares)
-        return np.sqrt(squares, out=squares) - x[..., 3:]
+        np.sqrt(squares, out=squares)
+        squares -= x[..., 3:]
+        return squares
 
     @staticmethod
     def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
