@@ -49,7 +49,9 @@ class GeometricModel(Protocol):
 
     def distances(self, x, D): ...  # of the points (B, n, dim) from K surfaces each, x (B, K, t); (B, K, n)
 
-    def linearised(self, x, D): ...  # distances (…, n), normals (…, n, dim), Jacobian (…, t, n)
+    def linearised(self, x, D): ...  # distances (…, n) and their Jacobian with respect to x, (…, t, n)
+
+    def normals(self, x, D): ...  # their unit gradients with respect to the points, (…, n, dim)
 
     def adjusted(self, x, points): ...  # the place on the surface nearest to each of the Points in the metric of its Q⁻¹
 
@@ -202,10 +204,11 @@ def linearised(model: GeometricModel, x: np.ndarray, points: Points) -> tuple[np
     places on the surface that are nearest in the metric of Q⁻¹: ``f = nᵀ(p − p̃)`` (Pope 1972).
     """
     if points.axes is None:
-        d, _, J = model.linearised(x, points.D)
+        d, J = model.linearised(x, points.D)
         return d, J[:, model.free], points.variances
     adjusted = model.adjusted(x, points)
-    d, normals, J = model.linearised(x, adjusted)
+    d, J = model.linearised(x, adjusted)
+    normals = model.normals(x, adjusted)
     f = d + np.einsum("bni,bni->bn", normals, points.D - adjusted)
     return f, J[:, model.free], points.along(normals)
 
@@ -287,7 +290,7 @@ def _concentrated(model, x, D, h: int) -> np.ndarray:
 
 def _concentrated_with_held(model, x, D, h: int) -> np.ndarray:
     """The same with held parameters: one Gauss-Newton step of the others on the h closest points."""
-    f, _, J = model.linearised(x, D)
+    f, J = model.linearised(x, D)
     J = J[:, model.free]
     weighed = J * _closest(f, h)[:, None, :]
     new = x.copy()

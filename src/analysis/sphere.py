@@ -66,14 +66,20 @@ class SphereModel:
         return squares
 
     @staticmethod
-    def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        normals = points - x[..., None, :3]
-        rho = np.sqrt(np.einsum("...ni,...ni->...n", normals, normals))
-        normals /= np.maximum(rho, np.finfo(float).tiny)[..., None]
-        J = np.empty(rho.shape[:-1] + (4, rho.shape[-1]))
-        np.negative(normals.swapaxes(-1, -2), out=J[..., :3, :])
+    def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        J = np.empty(points.shape[:-2] + (4, points.shape[-2]))
+        inwards = J[..., :3, :]
+        np.subtract(x[..., :3, None], points.swapaxes(-1, -2), out=inwards)
+        rho = np.sqrt(np.einsum("...in,...in->...n", inwards, inwards))
+        inwards /= np.maximum(rho, np.finfo(float).tiny)[..., None, :]
         J[..., 3, :] = -1.0
-        return rho - x[..., 3:], normals, J
+        return rho - x[..., 3:], J
+
+    @staticmethod
+    def normals(x: np.ndarray, points: np.ndarray) -> np.ndarray:
+        outwards = points - x[..., None, :3]
+        rho = np.sqrt(np.einsum("...ni,...ni->...n", outwards, outwards))
+        return outwards / np.maximum(rho, np.finfo(float).tiny)[..., None]
 
     @staticmethod
     def adjusted(x: np.ndarray, points) -> np.ndarray:
@@ -173,9 +179,13 @@ class Cloud:
     def in_frame(self) -> tuple[np.ndarray, np.ndarray]:
         """The points (B, n, 3) in the cloud's frame, and their cofactors, of which 1 stands for 1 m²."""
         D = (self.points - self.origin[:, None, :]) / self.length[:, None, None]
+        return D, self.cofactors_in_frame()
+
+    def cofactors_in_frame(self) -> np.ndarray:
+        """(B, n) or (B, 1) variances, or (B, n, 3, 3); 1 stands for 1 m²."""
         if self.cofactors is not None:
-            return D, self.cofactors / self.length[:, None, None, None] ** 2
-        return D, (np.ones((len(D), 1)) if self.weights is None else 1.0 / self.weights) / self.length[:, None] ** 2
+            return self.cofactors / self.length[:, None, None, None] ** 2
+        return (np.ones((len(self.points), 1)) if self.weights is None else 1.0 / self.weights) / self.length[:, None] ** 2
 
     @property
     def model(self) -> SphereModel:
@@ -395,8 +405,8 @@ def eiv(cloud: Cloud, *, max_iterations: int = 100) -> SphereFit:
     Source: Fang 2013; Ou & Liu 2017, eq. (3), with the correlation of w and p that it leaves out.
     """
     whole_number(max_iterations, "max_iterations")
-    D, Q = cloud.in_frame()
-    problem = EIVProblem(cloud.rows(), PointCofactors(D.swapaxes(-1, -2), Q))
+    rows = cloud.rows()
+    problem = EIVProblem(rows, PointCofactors(0.5 * rows[:, :3], cloud.cofactors_in_frame()))
     x = cloud.least_squares()
     free = PARAMETERS
     step = newton_step
