@@ -314,3 +314,14 @@ def test_site_has_a_page_for_each_notebook(tmp_path):
     assert index.index('href="01_first.html">A title') < index.index('href="02_second.html">A title')
     assert "Some <em>text</em>" in index
     assert 'href="02_second.html"' in (tmp_path / "site" / "01_first.html").read_text(encoding="utf-8")
+
+
+def test_every_exported_table_is_described():
+    """data/README.md names it in full, or after one of the same notebook as `…_rest`."""
+    text = (paths.ROOT / "data" / "README.md").read_text(encoding="utf-8")
+    notebooks = [path.stem for path in paths.NOTEBOOKS.glob("*.ipynb")]
+    for table in paths.RESULTS.glob("*.csv"):
+        (notebook,) = (name for name in notebooks if table.stem.startswith(name))
+        rest = table.stem.removeprefix(notebook)
+        described = [line for line in text.splitlines() if f"`{notebook}" in line and (f"`{table.stem}`" in line or f"`…{rest}`" in line)]
+        assert described, f"{table.name} is not described in data/README.md"
