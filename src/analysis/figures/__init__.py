@@ -42,7 +42,7 @@ STYLE = {
     "svg.hashsalt": "analysis",
     "svg.fonttype": "path",
 }
-# For the whole session: this package is the only one that draws. (A context would end before titles and legends are
+# For the whole process: this package is the only one that draws. (A context would end before titles and legends are
 # set, and would switch off the display of figures in notebooks.)
 mpl.rcParams.update(STYLE)
 
