@@ -6,6 +6,7 @@ import tempfile
 
 import pytest
 
+from analysis import simulate
 from analysis.paths import OUTPUT_VARIABLE
 from analysis.project import scans
 
@@ -25,3 +26,21 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.suffix == ".ipynb" and (reason := scans.skip_reason(item.path.stem)):
             item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def _redraws(gross):
+    points = simulate.sphere_redraws(300, gross=gross)
+    points.flags.writeable = False  # shared by all tests
+    return points
+
+
+@pytest.fixture(scope="session")
+def clean():
+    """(300, 500, 3): redraws of the simulated sphere, m."""
+    return _redraws(gross=False)
+
+
+@pytest.fixture(scope="session")
+def gross():
+    """(300, 500, 3): the same with five gross errors, m."""
+    return _redraws(gross=True)

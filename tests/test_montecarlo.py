@@ -18,16 +18,6 @@ TRUTH = [*SPHERE_CENTER, SPHERE_RADIUS]
 
 
 @pytest.fixture(scope="module")
-def clean():
-    return simulate.sphere_redraws(300)
-
-
-@pytest.fixture(scope="module")
-def gross():
-    return simulate.sphere_redraws(300, gross=True)
-
-
-@pytest.fixture(scope="module")
 def studies(clean, gross):
     return {1: sphere_study(clean, TRUTH, workers=1), 2: sphere_study(gross, TRUTH, workers=1)}
 

@@ -152,7 +152,8 @@ def test_a_circle_is_the_fitted_sphere_in_the_plane_of_the_section(scans):
 
 def test_summary_takes_median_and_largest_without_sign():
     fits = pd.DataFrame({"method": ["ls"] * 3, "center_error_mm": [1.0, 2.0, 9.0], "radius_error_mm": [-5.0, 1.0, 2.0]})
-    held = pd.DataFrame({"radius": ["held", "held", "free"], "offset": ["no", "yes", "no"], "center_error_mm": [0.1, 7.0, 8.0], "radius_error_mm": 0.0})
+    held = pd.DataFrame({"radius": ["held", "held", "free"], "offset": ["no", "yes", "no"], "center_error_mm": [0.1, 7.0, 8.0]})
+    held["radius_error_mm"] = 0.0
     found = real_spheres.summary(fits, held, fits.assign(method="other")).set_index("method")
     assert found.loc["LS"].tolist() == found.loc["other"].tolist() == [2.0, 9.0, 2.0, 5.0]
     assert found.loc["robust, radius held at 50 mm"].tolist() == [0.1, 0.1, 0.0, 0.0]

@@ -10,16 +10,6 @@ from analysis.simulate import GROSS_POINTS, SPHERE_CENTER, SPHERE_RADIUS
 ROWS = np.array(GROSS_POINTS) - 1
 
 
-@pytest.fixture(scope="module")
-def clean():
-    return simulate.sphere_redraws(300)
-
-
-@pytest.fixture(scope="module")
-def gross():
-    return simulate.sphere_redraws(300, gross=True)
-
-
 def heights(points):
     """Signed distances from the true sphere, m."""
     return np.linalg.norm(points - SPHERE_CENTER, axis=-1) - SPHERE_RADIUS

@@ -14,7 +14,7 @@ import numpy as np
 from .accuracy import rms, solve, unit_weight_sd
 from .eiv import EIVProblem
 from .fit import Iteration
-from .sphere import PARAMETERS, Cloud, SphereFit, finished, geometry, printed_problem
+from .sphere import PARAMETERS, Cloud, SphereFit, finished, geometry, printed_problem, real_radius, squared_radius
 from .validation import one_of, positive, whole_number
 from .weights import IGG3
 from .wtls import gauss_newton_cofactor, iterate, misclosures, objective, schaffrin_wieser_step
@@ -128,12 +128,10 @@ def _weighted_solution(problem: EIVProblem, weights: np.ndarray) -> np.ndarray:
 
 def _scaled_distances(r: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Signed distances in units of the cloud's length, from ``|p − k|² = r + R²``; NaN without a real sphere."""
-    squared_radius = x[:, 3] + np.einsum("bi,bi->b", x[:, :3], x[:, :3])
-    squared_radius = np.where(squared_radius > 0, squared_radius, np.nan)[:, None]
-    distances = r + squared_radius
+    distances = r + squared_radius(x)[:, None]
     np.maximum(distances, 0.0, out=distances)
     np.sqrt(distances, out=distances)
-    distances -= np.sqrt(squared_radius)
+    distances -= real_radius(x)[:, None]
     return distances
 
 

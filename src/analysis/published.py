@@ -20,6 +20,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from . import tables
+from .methods import SPHERE_METHODS
 from .paths import PUBLISHED, ROOT
 
 REPRODUCED = "reproduced to the printed digits"
@@ -28,7 +29,6 @@ OUTSIDE = "outside"
 VERDICTS = (REPRODUCED, INSIDE, OUTSIDE)
 
 METHODS = {"LS": "ls", "TLS": "tls", "IGG III-WTLS": "igg3_wtls"}  # as printed -> our name
-SIGMA_0_IS_AN_AREA = ("ls", "tls", "mixed_ls_tls")  # the root mean square algebraic residual, m²
 TITLES = {1: "500 points without gross errors", 2: "the same with five gross errors"}
 SYMBOLS = {
     "abs_delta_a_m": "|Δa|",
@@ -62,7 +62,7 @@ PAPER_TO_PROJECT = (
     ("equations (1) to (18)", "02_sphere_methods", "src/analysis/igg3.py", "as printed; what each misprint changes is shown"),
     ("table 1, without gross errors", "03_sphere_tables", "data/results/03_sphere_tables_table1.csv", None),
     ("table 2, with five gross errors", "03_sphere_tables", "data/results/03_sphere_tables_table2.csv", None),
-    ("table 3, by simulated scans (the scans are not published)", "04_real_spheres", "data/results/04_real_spheres_table3_cleaned.csv", None),
+    ("table 3, by simulated scans (its own are unpublished)", "04_real_spheres", "data/results/04_real_spheres_table3_cleaned.csv", None),
 )
 
 
@@ -166,7 +166,7 @@ def printed_numbers(table: int) -> tuple[PrintedNumber, ...]:
             quantity="sigma_0" if column == "sigma_0_m" else column,
             text=row[column],
             decimals=of_zero if row[column] == "0" else _decimals(row[column]),
-            unit="m²" if column == "sigma_0_m" and METHODS[row["method"]] in SIGMA_0_IS_AN_AREA else "m",
+            unit=SPHERE_METHODS[METHODS[row["method"]]].sigma_0_unit if column == "sigma_0_m" else "m",
         )
         for row in frame.to_dict("records")
         for column in columns
@@ -332,7 +332,8 @@ def side_by_side(table: int, ours: Mapping[str, Mapping[str, float]], labels: Ma
         rows.append(_row(label, "ours", numbers[method], ours[method]))
     for method in ours:
         if method not in numbers:
-            rows.append(_row(labels[method], "ours", numbers["tls" if method in SIGMA_0_IS_AN_AREA else "igg3_wtls"], ours[method]))
+            alike = "tls" if SPHERE_METHODS[method].sigma_0_unit == "m²" else "igg3_wtls"  # a printed row with the unit of its σ0
+            rows.append(_row(labels[method], "ours", numbers[alike], ours[method]))
     return pd.DataFrame(rows)
 
 

@@ -51,6 +51,7 @@ class SphereModel:
         self.free = [0, 1, 2, 3] if held_radius is None else [0, 1, 2]
 
     def held(self, x: np.ndarray) -> np.ndarray:
+        """x (B, 4) with the held radius put in."""
         return x if self.held_radius is None else np.concatenate([x[:, :3], self.held_radius[:, None]], axis=-1)
 
     @staticmethod
@@ -67,6 +68,7 @@ class SphereModel:
 
     @staticmethod
     def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (…, n) of points (…, n, 3) from x (…, 4), and their Jacobian ``(−(p − k)/|p − k|, −1)``, (…, 4, n)."""
         J = np.empty(points.shape[:-2] + (4, points.shape[-2]))
         inwards = J[..., :3, :]
         np.subtract(x[..., :3, None], points.swapaxes(-1, -2), out=inwards)
@@ -77,6 +79,7 @@ class SphereModel:
 
     @staticmethod
     def normals(x: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Unit normals ``(p − k)/|p − k|`` at points (…, n, 3), outwards."""
         outwards = points - x[..., None, :3]
         rho = np.sqrt(np.einsum("...ni,...ni->...n", outwards, outwards))
         return outwards / np.maximum(rho, np.finfo(float).tiny)[..., None]
@@ -127,9 +130,18 @@ class SphereModel:
 
 def _with_radius(x: np.ndarray) -> np.ndarray:
     """(k, r) from (k, δ); NaN without a real sphere."""
-    squared_radius = x[..., 3] + np.einsum("...i,...i->...", x[..., :3], x[..., :3])
-    radius = np.sqrt(np.where(squared_radius > 0, squared_radius, np.nan))
-    return np.concatenate([x[..., :3], radius[..., None]], axis=-1)
+    return np.concatenate([x[..., :3], real_radius(x)[..., None]], axis=-1)
+
+
+def squared_radius(x: np.ndarray) -> np.ndarray:
+    """``r² = δ + |k|²`` of x = (k, δ), (…)."""
+    return x[..., 3] + np.einsum("...i,...i->...", x[..., :3], x[..., :3])
+
+
+def real_radius(x: np.ndarray) -> np.ndarray:
+    """r of x = (k, δ), (…); NaN without a real sphere."""
+    square = squared_radius(x)
+    return np.sqrt(np.where(square > 0, square, np.nan))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -194,9 +206,8 @@ class Cloud:
     def start(self) -> np.ndarray:
         """(B, 4) algebraic (a, b, c, r) in the cloud's frame, to go on from."""
         x = self.least_squares()
-        squared_radius = x[:, 3] + np.sum(x[:, :3] ** 2, axis=-1)
         # Noise can leave the algebraic fit without a real sphere; any radius of the cloud's size will do then.
-        radius = np.sqrt(np.where(squared_radius > 0, squared_radius, 1.0))
+        radius = np.nan_to_num(real_radius(x), nan=1.0)
         return self.model.held(np.concatenate([x[:, :3], radius[:, None]], axis=-1))
 
     def bias(self, x: np.ndarray, sigma_0: np.ndarray) -> np.ndarray:
@@ -342,8 +353,8 @@ def tls(cloud: Cloud) -> SphereFit:
     """
     X, _ = smallest_singular_solution(cloud.factor @ _to_printed_frame(cloud).swapaxes(-1, -2))
     k = (X[..., :3] - cloud.origin) / cloud.length[:, None]
-    squared_radius = (X[..., 3] + np.sum(X[..., :3] ** 2, axis=-1)) / cloud.length**2
-    x = np.concatenate([k, (squared_radius - np.sum(k * k, axis=-1))[..., None]], axis=-1)
+    square = squared_radius(X) / cloud.length**2
+    x = np.concatenate([k, (square - np.sum(k * k, axis=-1))[..., None]], axis=-1)
     return _common_fit(cloud, "tls", x, [1, 1, 1, 1, 1])
 
 
@@ -435,14 +446,14 @@ def _tangent(x: np.ndarray) -> np.ndarray:
 
 def _newton_step_at_held_radius(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     """Newton step in k alone, by the chain rule through δ = r² − |k|²; halved until the objective does not grow."""
-    squared_radius = x[:, 3] + np.sum(x[:, :3] ** 2, axis=-1)
+    square = squared_radius(x)
     value, gradient, hessian = derivatives(problem, x)
     P = _tangent(x)
     reduced = P.swapaxes(-1, -2) @ hessian @ P - 2.0 * gradient[:, 3, None, None] * np.eye(3)
     step = -solve(reduced, P.swapaxes(-1, -2) @ gradient[..., None])[..., 0]
     for _ in range(30):
         k = x[:, :3] + step
-        new = np.concatenate([k, (squared_radius - np.sum(k * k, axis=-1))[:, None]], axis=-1)
+        new = np.concatenate([k, (square - np.sum(k * k, axis=-1))[:, None]], axis=-1)
         worse = objective(problem, new) > value * (1 + 1e-12)
         if not worse.any():
             break
@@ -527,8 +538,7 @@ def _algebraic_sd(cloud: Cloud, x: np.ndarray) -> np.ndarray:
 
 def geometry(origin: np.ndarray, length: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Parameters (a, b, c, r) in m and their Jacobian with respect to x = (k, δ) of the cloud's frame, (B, 4, 4)."""
-    squared_radius = x[:, 3] + np.sum(x[:, :3] ** 2, axis=-1)
-    radius = np.sqrt(np.where(squared_radius > 0, squared_radius, np.nan))
+    radius = real_radius(x)
     scale = length[:, None]
     parameters = np.concatenate([origin + scale * x[:, :3], scale * radius[:, None]], axis=-1)
     J = np.zeros(x.shape[:1] + (4, 4))

@@ -168,7 +168,7 @@ def measured(found: Study) -> pd.DataFrame:
     (:func:`table3_relations.sigma_0_over_expected`). σs of LS over that of IGG III-WTLS, over all points and over those in use.
     """
     rows = []
-    for (sample, state), frames in found.items():
+    for sample, state in found:
         ls, tls, igg = (pd.DataFrame(values(found, sample, state, method)) for method in ("ls", "tls", "igg3_wtls"))
         names = [f"{name}_m" for name in "abcr"]
         ours = {

@@ -5,18 +5,13 @@ import pandas as pd
 import pytest
 from matplotlib import pyplot
 
-from analysis import SPHERE_METHODS, real_spheres, tables
+from analysis import SPHERE_METHODS, real_spheres
 from analysis.figures import real_spheres as figures
-from analysis.paths import FIGURES, RESULTS, output
 from analysis.real_spheres import REFERENCE_CENTERS, WHOLE
 
+from . import exported
+
 SCAN = "SPH101"
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    pyplot.close("all")
 
 
 @pytest.fixture
@@ -29,11 +24,6 @@ def table(tmp_path, monkeypatch):
     np.savetxt(tmp_path / f"{SCAN}.xyz", REFERENCE_CENTERS[SCAN] + points)
     monkeypatch.setattr(real_spheres, "SCANS", tmp_path)
     return real_spheres.methods([SCAN], [WHOLE, 0.01, 0.003])
-
-
-def exported(stem):
-    assert output(FIGURES / f"{stem}.png").is_file() and output(FIGURES / f"{stem}.svg").is_file()
-    return tables.read(output(RESULTS / f"{stem}.csv"))
 
 
 def assert_same(found, expected):

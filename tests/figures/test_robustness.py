@@ -2,30 +2,18 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 from matplotlib import pyplot
 
-from analysis import SPHERE_METHODS, tables
+from analysis import SPHERE_METHODS
 from analysis.figures import robustness as figures
-from analysis.paths import FIGURES, RESULTS, output
 from analysis.robustness import bias, breakdown, collapse, coverage, efficiency
 from analysis.simulate import sphere_redraws
 
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    pyplot.close("all")
+from . import exported
 
 
-def exported(study):
-    stem = f"05_robustness_{study}"
-    assert output(FIGURES / f"{stem}.png").is_file() and output(FIGURES / f"{stem}.svg").is_file()
-    return tables.read(output(RESULTS / f"{stem}.csv"))
-
-
-def assert_exported(study, expected):
-    pd.testing.assert_frame_equal(exported(study), expected.reset_index(drop=True), rtol=1e-8, check_dtype=False)
+def assert_exported(stem, expected):
+    pd.testing.assert_frame_equal(exported(stem), expected.reset_index(drop=True), rtol=1e-8, check_dtype=False)
 
 
 def drawn(ax):
@@ -41,7 +29,7 @@ def test_bias():
     table = bias.study([(60, 0.002), (80, 0.002), (80, 0.001)], draws=3, n=30, seed=1)
     figures.bias(table, 80, 0.002)
     figure = pyplot.gcf()
-    assert_exported("bias", table)
+    assert_exported("05_robustness_bias", table)
     for variant in bias.ORDER:
         ((angles, along, colour),) = drawn(figure.axes[0])[figures.VARIANTS[variant][4]]
         rows = table[(table["variant"] == variant) & (table["sigma_mm"] == 2)]
@@ -55,7 +43,7 @@ def test_efficiency():
     table = efficiency.study(5, seed=1)
     figures.efficiency(table)
     figure = pyplot.gcf()
-    assert_exported("efficiency", table)
+    assert_exported("05_robustness_efficiency", table)
     curves = drawn(figure.axes[0])
     for place, row in enumerate(table.itertuples()):
         assert curves[figures.VARIANTS[row.variant][4]][0][:2] == ([row.sd_ratio], [place])
@@ -65,7 +53,7 @@ def test_breakdown():
     table = breakdown.study([0, 0.2], 4, 40, seed=1)
     figures.breakdown(table)
     figure = pyplot.gcf()
-    assert_exported("breakdown", table)
+    assert_exported("05_robustness_breakdown", table)
     for ax, pattern in zip(figure.axes, breakdown.PATTERNS, strict=True):
         curves = drawn(ax)
         assert set(curves) == {figures.VARIANTS[variant][4] for variant in breakdown.VARIANTS}
@@ -77,7 +65,7 @@ def test_coverage():
     table = coverage.study(6, 30, 1, 80, [0, 0.2], {"isotropic": 0.002, "larger": 0.004}, ["ls", "robust"])
     figures.coverage(table)
     figure = pyplot.gcf()
-    assert_exported("coverage", table)
+    assert_exported("05_robustness_coverage", table)
     curves = drawn(figure.axes[2])
     for method in ("ls", "robust"):
         rows = table[(table["noise"] == "larger") & (table["method"] == method)]
@@ -88,7 +76,7 @@ def test_collapse():
     history, ends = collapse.history(sphere_redraws(1)[0]), collapse.redraws(4)
     figures.collapse(history, ends, last=30)
     figure = pyplot.gcf()
-    shown = exported("collapse")
+    shown = exported("05_robustness_collapse")
     steps = history[history["iteration"] <= 30].reset_index(drop=True)
     of_one_cloud = shown[shown["panel"] == "one cloud"][steps.columns].reset_index(drop=True)
     pd.testing.assert_frame_equal(of_one_cloud, steps, rtol=1e-8, check_dtype=False)

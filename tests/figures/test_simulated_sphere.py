@@ -1,24 +1,12 @@
 """The figures of notebook 01 show, and export, what was computed."""
 
 import numpy as np
-import pytest
+from matplotlib import pyplot
 
-from analysis import evidence, simulate, tables
+from analysis import evidence, simulate
 from analysis.figures import simulated_sphere
-from analysis.paths import FIGURES, RESULTS, output
 
-pyplot = pytest.importorskip("matplotlib.pyplot")
-
-
-@pytest.fixture(autouse=True)
-def closed():
-    yield
-    pyplot.close("all")
-
-
-def exported(stem):
-    assert all(output(FIGURES / f"{stem}.{kind}").stat().st_size > 10_000 for kind in ("png", "svg"))
-    return tables.read(output(RESULTS / f"{stem}.csv"))
+from . import exported
 
 
 def test_the_cloud_is_exported_with_its_gross_errors():

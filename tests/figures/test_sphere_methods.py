@@ -2,26 +2,14 @@
 
 import numpy as np
 import pandas as pd
-import pytest
+from matplotlib import pyplot
 
-from analysis import origin, readings, simulate, tables
+from analysis import origin, readings, simulate
 from analysis.figures import sphere_methods
-from analysis.paths import FIGURES, RESULTS, output
 
-pyplot = pytest.importorskip("matplotlib.pyplot")
+from . import exported
 
 CLOUDS = {name: simulate.read_sphere_cloud(gross=name == "gross") for name in ("clean", "gross")}
-
-
-@pytest.fixture(autouse=True)
-def closed():
-    yield
-    pyplot.close("all")
-
-
-def exported(stem):
-    assert all(output(FIGURES / f"{stem}.{kind}").stat().st_size > 10_000 for kind in ("png", "svg"))
-    return tables.read(output(RESULTS / f"{stem}.csv"))
 
 
 def test_every_reading_has_a_mark_at_its_change():

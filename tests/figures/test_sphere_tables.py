@@ -5,19 +5,14 @@ import pytest
 from matplotlib import pyplot
 from scipy.special import ndtri
 
-from analysis import SPHERE_METHODS, fit_sphere, published, simulate, tables
+from analysis import SPHERE_METHODS, fit_sphere, published, simulate
 from analysis.figures import sphere_tables as figures
 from analysis.montecarlo import printed_quantities, sphere_study
-from analysis.paths import FIGURES, RESULTS, output
 from analysis.simulate import GROSS_POINTS, SPHERE_CENTER, SPHERE_RADIUS
 
+from . import exported
+
 ROWS = np.array(GROSS_POINTS) - 1
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    pyplot.close("all")
 
 
 @pytest.fixture(scope="module")
@@ -33,12 +28,6 @@ def studies():
     return {table: sphere_study(points[table], truth, variants, workers=1) for table in points}
 
 
-def exported(name):
-    stem = f"03_sphere_tables_{name}"
-    assert output(FIGURES / f"{stem}.png").is_file() and output(FIGURES / f"{stem}.svg").is_file()
-    return tables.read(output(RESULTS / f"{stem}.csv"))
-
-
 def test_every_method_has_its_marker():
     assert list(figures.MARKERS) == list(SPHERE_METHODS)
     assert len(set(figures.MARKERS.values())) == len(SPHERE_METHODS)
@@ -46,7 +35,7 @@ def test_every_method_has_its_marker():
 
 def test_errors(studies):
     figures.errors(studies, {method.label: name for name, method in SPHERE_METHODS.items()})
-    data = exported("errors")
+    data = exported("03_sphere_tables_errors")
     assert len(data) == 2 * 4 * len(SPHERE_METHODS)
     line = data[(data["table"] == 2) & (data["parameter"] == "c") & (data["method"] == "tls")].iloc[0]
     size = 1e3 * studies[2][SPHERE_METHODS["tls"].label]["delta_c_m"].abs()
@@ -63,7 +52,7 @@ def test_printed_errors_stand_beside_the_default_only(studies):
     label = SPHERE_METHODS["igg3_wtls"].label
     both = {table: {label: study[label], "another reading": study[label]} for table, study in studies.items()}
     figures.errors(both, {label: "igg3_wtls", "another reading": "igg3_wtls"})
-    data = exported("errors")
+    data = exported("03_sphere_tables_errors")
     assert data.groupby("variant")["printed_mm"].count().to_dict() == {label: 8, "another reading": 0}
 
 
@@ -73,7 +62,7 @@ def test_positions(studies):
         redraws = printed_quantities({name: study[method.label] for name, method in SPHERE_METHODS.items()})
         comparisons.append(published.comparison_table(table, {key: values[0] for key, values in redraws.items()}, redraws))
     figures.positions(comparisons)
-    data = exported("positions")
+    data = exported("03_sphere_tables_positions")
     assert len(data) == 36
     for ax, frame in zip(pyplot.gcf().axes, comparisons, strict=True):
         points = [line for line in ax.lines if line.get_marker() in figures.MARKERS.values()]
@@ -91,7 +80,7 @@ def test_maps(clouds):
         "igg clean": fit_sphere(clouds[1], "igg3_wtls"),
     }
     figures.maps(clouds[1], clouds[2], fits)
-    data = exported("maps")
+    data = exported("03_sphere_tables_maps")
     panels = [panel for _, panel in data.groupby("panel", sort=False)]
     values = [1e3 * fits["ls gross"].distances, 1e3 * fits["igg gross"].distances, fits["igg gross"].weights, fits["igg clean"].weights]
     for panel, points, value in zip(panels, [clouds[2]] * 3 + [clouds[1]], values, strict=True):
@@ -107,7 +96,7 @@ def test_weights(clouds):
     fit = fit_sphere(clouds[2], "igg3_wtls", history=True)
     depths = np.array([2.5, 0.012, 2, 2, 2])
     figures.weights({"one": (depths, fit), "two": (depths, fit)})
-    data = exported("weights")
+    data = exported("03_sphere_tables_weights")
     found = data[data["case"] == "two"].pivot(index="iteration", columns="number", values="weight").to_numpy()
     np.testing.assert_allclose(found, [step.weights[ROWS] for step in fit.history[:10]])
     assert (found[0] == 1).all() and (found[1:] == 0).all()

@@ -2,24 +2,13 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 from matplotlib import pyplot
 
-from analysis import table3, tables
+from analysis import table3
 from analysis.figures import table3 as figures
 from analysis.methods import SPHERE_METHODS
-from analysis.paths import FIGURES, RESULTS, output
 
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    pyplot.close("all")
-
-
-def exported(stem):
-    assert output(FIGURES / f"{stem}.png").is_file() and output(FIGURES / f"{stem}.svg").is_file()
-    return tables.read(output(RESULTS / f"{stem}.csv"))
+from . import exported
 
 
 def test_methods():

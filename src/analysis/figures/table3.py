@@ -47,10 +47,10 @@ def methods(table: pd.DataFrame, printed: pd.DataFrame, stem: str) -> None:
         ax.grid(axis="y", visible=False)
     axes[0].set_yticks(range(len(names)), [SPHERE_METHODS[name].label if name in SPHERE_METHODS else name for name in names])
     axes[0].set_ylim(len(names) - 0.5, -0.5)
-    marks = [
-        Line2D([], [], color=GREY, marker=marker, markerfacecolor=GREY if filled else "white", markersize=5, label=f"sphere {name}: median, 95 %")
-        for name, (marker, filled, _) in SPHERES.items()
-    ]
+    marks = []
+    for name, (marker, filled, _) in SPHERES.items():
+        face = GREY if filled else "white"
+        marks.append(Line2D([], [], color=GREY, marker=marker, markerfacecolor=face, markersize=5, label=f"sphere {name}: median, 95 %"))
     figure.legend(handles=[*marks, Line2D([], [], **PRINTED, label="printed")], loc="outside lower center", ncols=3)
     _question(figure, "What does each method make of a scan of a sphere alone?")
     publish(figure, stem, pd.concat([table, printed.assign(state="printed")], ignore_index=True))
@@ -86,7 +86,10 @@ def cleaning(table: pd.DataFrame, printed: pd.DataFrame, stem: str) -> None:
     handles = [
         *(Line2D([], [], color=SPHERE_METHODS[m].colour, marker=CURVES[m][0], markersize=4, label=SPHERE_METHODS[m].label) for m in CURVES),
         *(Line2D([], [], color=GREY, linestyle=line, label=f"range σ {sd:g} mm") for sd, line in zip(range_sds, LINES, strict=False)),
-        *(Line2D([], [], color=SPHERE_METHODS[m].colour, marker=PRINTED_MARKERS[m], label=f"{SPHERE_METHODS[m].label}, printed", **STAR) for m in CURVES),
+        *(
+            Line2D([], [], color=SPHERE_METHODS[m].colour, marker=PRINTED_MARKERS[m], label=f"{SPHERE_METHODS[m].label}, printed", **STAR)
+            for m in CURVES
+        ),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     _question(figure, "Does any noise with any cleaning give both printed rows?")
