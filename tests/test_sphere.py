@@ -627,7 +627,7 @@ def test_cumulative_weights_with_their_own_rms_collapse():
 def test_sphere_with_negative_squared_radius():
     """δ + |k|² < 0 happens by rounding alone (far away pure TLS meets it), so it is asked of the common ending."""
     cloud = sphere.reduce(directions(20)[None], None)
-    fit = sphere.finished(cloud, "tls", np.array([[0.0, 0.0, 0.0, -1.0]]), np.eye(4)[None], np.ones(1))
+    fit = cloud.finished("tls", np.array([[0.0, 0.0, 0.0, -1.0]]), np.eye(4)[None], np.ones(1))
     assert np.isnan(fit.radius[0]) and not fit.converged[0]
     assert fit.stop_reason[0] == "no real sphere: the squared radius δ + |k|² came out negative"
 

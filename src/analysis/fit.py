@@ -51,8 +51,7 @@ class Fit:
     history: tuple[Iteration, ...] = ()
     absolute: bool = False
 
-    NAMES = ()  # of the parameters, set by each geometry, as is
-    MODEL = None  # its geometric model
+    NAMES = ()  # of the parameters, set by each geometry
     PER_STACK = ("parameters", "cofactor", "sigma_0", "distances", "weights", "iterations", "converged", "stop_reason")
 
     @property
@@ -80,6 +79,10 @@ class Fit:
         """RMS distance over the points in use, in m."""
         return rms(self.distances, where=self.inliers)
 
+    def surface(self):
+        """The fitted surfaces as their geometric model has them: the model, x (B, s), and ∂(parameters)/∂(free parameters), (B, P, t)."""
+        raise NotImplementedError
+
     def __repr__(self) -> str:
         shape = np.shape(self.sigma_0)
         if shape:
@@ -92,7 +95,7 @@ class Fit:
 def joined(fits: list[Fit], lead: tuple[int, ...], absolute: bool = False) -> Fit:
     """Fits of consecutive parts of a flattened stack as one fit with leading axes ``lead``, its arrays read-only."""
     arrays = {}
-    for name in Fit.PER_STACK:
+    for name in fits[0].PER_STACK:
         parts = [getattr(fit, name) for fit in fits]
         array = parts[0] if len(parts) == 1 else np.concatenate(parts)
         array = array.reshape(lead + array.shape[1:])
@@ -107,6 +110,6 @@ def warn_if_not_converged(fit: Fit) -> None:
     if failed.any():
         reason = np.atleast_1d(fit.stop_reason).ravel()[failed][0]
         count = "" if failed.size == 1 else f"{failed.sum()} of {failed.size} fits: "
-        warnings.warn(f"{fit.method}: {count}{reason}", ConvergenceWarning, stacklevel=3)
+        warnings.warn(f"{fit.method}: {count}{reason}", ConvergenceWarning, stacklevel=4)
 
 

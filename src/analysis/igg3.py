@@ -1,20 +1,22 @@
 """IGG III-WTLS, the robust weighted total least squares of Ou & Liu 2017, as printed and as it can be read.
 
-The algorithm takes one Schaffrin-Wieser step, measures the distances from the new sphere, turns them
+The algorithm takes one Schaffrin-Wieser step, measures the distances from the new surface, turns them
 into weight factors and multiplies the weights by them, until the parameters stand still. What the paper
 leaves open (the scale of the residuals, the exponent, the first weights) is a keyword.
+
+The paper has it for the sphere. Any cloud that has a ``printed`` problem can be solved by it: one gives the
+problem with its printed cofactors, the distances that belong to its misclosures and the printed parameters.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from .accuracy import rms, solve, unit_weight_sd
 from .eiv import EIVProblem
-from .fit import Iteration
-from .sphere import PARAMETERS, Cloud, SphereFit, finished, geometry, printed_problem, real_radius, squared_radius
+from .fit import Fit, Iteration
 from .validation import one_of, positive, whole_number
 from .weights import IGG3
 from .wtls import gauss_newton_cofactor, iterate, misclosures, objective, schaffrin_wieser_step
@@ -22,8 +24,23 @@ from .wtls import gauss_newton_cofactor, iterate, misclosures, objective, schaff
 MAD_TO_SD = 1.482602218505602  # 1/Φ⁻¹(3/4): the median absolute deviation of a normal variable as a standard deviation
 
 
+class Printed(Protocol):
+    """The printed problem of a stack of clouds, in the clouds' own frames, and what leads back to the printed one."""
+
+    problem: EIVProblem
+    length: np.ndarray  # (B,) m, unit of the distances
+
+    def distances(self, x, r): ...  # signed orthogonal distances (B, n) in units of the length, from misclosures r
+
+    def parameters(self, x): ...  # (B, t) parameters of the surface, in m
+
+    def step(self, difference): ...  # (B,) |ΔX| of the printed parameters X, from a difference of x
+
+    def __getitem__(self, keep): ...  # some of the clouds
+
+
 def igg3_wtls(
-    cloud: Cloud,
+    cloud,
     *,
     scale: str = "rms",
     power: int = 1,
@@ -35,11 +52,11 @@ def igg3_wtls(
     start: str = "Q_Y",
     max_iterations: int = 1000,
     history: bool = False,
-) -> SphereFit:
+) -> Fit:
     """IGG III-WTLS as printed; each keyword is a place where the paper can be read in more than one way.
 
-    One Schaffrin-Wieser step with the current weights, distances from the new sphere, weight factors
-    ω(|d|/σ), new weights; until the step in X = (a, b, c, δ) is below ``tolerance``. The defaults are the
+    One Schaffrin-Wieser step with the current weights, distances from the new surface, weight factors
+    ω(|d|/σ), new weights; until the step in the printed parameters X is below ``tolerance``. The defaults are the
     literal reading.
 
     scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term), ``rms_in`` of the
@@ -67,72 +84,46 @@ def igg3_wtls(
     if history and cloud.first is not None:
         raise ValueError("history: expected a single cloud, got a stack")
 
-    problem = printed_problem(cloud, base)
+    printed = cloud.printed(base)
+    problem = printed.problem
     # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
     x = _weighted_solution(problem, problem.cofactors.h if start == "Q_Y" else 1.0 / problem.cofactors.h)
     x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
     iterations = []
 
-    def advance(printed: _Printed, state):
+    def advance(printed: Printed, state):
         """Steps 3 to 7; the state: X(i), its misclosures, the weights used for X(i) and those to be used next."""
         x, z, r, _, weights = state
         new = schaffrin_wieser_step(printed.problem, x, weights, (z, r))
         z, r = misclosures(printed.problem, new)
-        distances = _scaled_distances(r, new)
+        distances = printed.distances(new, r)
         sigma = estimate_scale(printed, new, distances, weights, function)
         factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
         moved = printed.step(new - x)
-        lost = ~np.isfinite(moved + sigma) | (np.count_nonzero(weights, axis=-1) < PARAMETERS)
+        lost = ~np.isfinite(moved + sigma) | (np.count_nonzero(weights, axis=-1) < problem.parameters)
         if history:
-            parameters, _ = geometry(printed.origin, printed.length, new)
-            iterations.append(Iteration(parameters[0], sigma[0] * printed.length[0], weights[0]))
+            iterations.append(Iteration(printed.parameters(new)[0], sigma[0] * printed.length[0], weights[0]))
         state = np.where(lost[:, None], x, new), z, r, weights, weights * factors if cumulative else factors
         return state, np.select([lost, moved < tolerance], [1, 2], 0)
 
     endings = [
-        (False, "not converged: too few points kept a weight to determine a sphere"),
-        (True, f"the step in X = (a, b, c, δ) fell below {tolerance:g}"),
+        (False, "not converged: too few points kept a weight to determine the surface"),
+        (True, f"the step in the printed parameters fell below {tolerance:g}"),
     ]
     ones = np.ones(cloud.points.shape[:2])
     state = (x, *misclosures(problem, x), ones, ones)
-    ended = iterate(_Printed(problem, cloud.origin, cloud.length), state, advance, endings, max_iterations)
+    ended = iterate(printed, state, advance, endings, max_iterations)
     x, _, _, weights, _ = ended.state
-    sigma_0 = unit_weight_sd(objective(problem, x, weights), cloud.count - PARAMETERS)
+    sigma_0 = unit_weight_sd(objective(problem, x, weights), cloud.count - problem.parameters)
     cofactor = gauss_newton_cofactor(problem, x, weights)
-    return finished(cloud, "igg3_wtls", x, cofactor, sigma_0, ended, weights, tuple(iterations))
-
-
-@dataclass(frozen=True)
-class _Printed:
-    """The printed problem of a stack in the clouds' own frames, and what leads back to the printed frame."""
-
-    problem: EIVProblem
-    origin: np.ndarray
-    length: np.ndarray
-
-    def step(self, difference: np.ndarray) -> np.ndarray:
-        """|ΔX| of X = (a, b, c, δ) in m and m² from a difference of x, (B,)."""
-        dk = difference[:, :3] * self.length[:, None]
-        ddelta = difference[:, 3] * self.length**2 - 2.0 * np.einsum("bi,bi->b", self.origin, dk)
-        return np.sqrt(np.einsum("bi,bi->b", dk, dk) + ddelta**2)
-
-    def __getitem__(self, keep) -> _Printed:
-        return _Printed(self.problem[keep], self.origin[keep], self.length[keep])
+    return cloud.finished("igg3_wtls", x, cofactor, sigma_0, ended, weights, tuple(iterations))
 
 
 def _weighted_solution(problem: EIVProblem, weights: np.ndarray) -> np.ndarray:
-    """``(AᵀPA)⁻¹AᵀPY``, (B, 4)."""
-    N = (problem.rows[:, :4] * weights[:, None, :]) @ problem.rows.swapaxes(-1, -2)
-    return solve(N[..., :4], N[..., 4:])[..., 0]
-
-
-def _scaled_distances(r: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Signed distances in units of the cloud's length, from ``|p − k|² = r + R²``; NaN without a real sphere."""
-    distances = r + squared_radius(x)[:, None]
-    np.maximum(distances, 0.0, out=distances)
-    np.sqrt(distances, out=distances)
-    distances -= real_radius(x)[:, None]
-    return distances
+    """``(AᵀPA)⁻¹AᵀPY``, (B, m)."""
+    m = problem.parameters
+    N = (problem.rows[:, :m] * weights[:, None, :]) @ problem.rows.swapaxes(-1, -2)
+    return solve(N[..., :m], N[..., m:])[..., 0]
 
 
 # The readings of σ in V/σ, each (B,) in units of the clouds' length.
@@ -156,11 +147,11 @@ def _rms_weighted_consistent(printed, x, distances, weights, function):
 
 def _mad(printed, x, distances, weights, function):
     n = distances.shape[-1]
-    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(n - PARAMETERS, 1)
+    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(n - printed.problem.parameters, 1)
 
 
 def _unit_weight(printed, x, distances, weights, function):
-    return unit_weight_sd(objective(printed.problem, x, weights), distances.shape[-1] - PARAMETERS) / printed.length
+    return unit_weight_sd(objective(printed.problem, x, weights), distances.shape[-1] - printed.problem.parameters) / printed.length
 
 
 SCALES = {

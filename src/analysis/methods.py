@@ -1,4 +1,4 @@
-"""The named methods, and ``fit_sphere``, which runs them. Tables and figures iterate over them.
+"""The named methods, and the ``fit_*`` that run them. Tables and figures iterate over them.
 
 A new method is one function in its geometry's file and one line here.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import igg3, robust, sphere
-from .fit import joined, warn_if_not_converged
+from .fit import Fit, joined, warn_if_not_converged
 from .validation import BLOCK, covariance_array, one_of, pieces, point_array, positive, weight_array
 
 # Where the number of iterations varies much from cloud to cloud, more of them together: the slowest then
@@ -50,6 +50,20 @@ SPHERE_METHODS: dict[str, Method] = {
     "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", robust.geometric, consistent=True),
     "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
 }
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What can be fitted: its name in a message, the points it needs, how a stack of clouds is prepared, and its methods."""
+
+    name: str
+    dimension: int
+    minimum: int
+    reduce: Callable
+    methods: dict[str, Method]
+
+
+SPHERE = Geometry("a sphere", 3, 4, sphere.reduce, SPHERE_METHODS)
 
 
 def fit_sphere(
@@ -93,33 +107,41 @@ def fit_sphere(
     >>> fit.center.round(9), round(float(fit.radius), 9)
     (array([10., 10.,  1.]), 2.0)
     """
-    chosen = SPHERE_METHODS[one_of(method, SPHERE_METHODS, "method")]
-    points = point_array(points, 3, 4, "a sphere")
-    lead, n = points.shape[:-2], points.shape[-2]
+    held = {} if radius is None else {"radius": positive(radius, "radius")}
+    return _fitted(SPHERE, points, method, cofactors, weights, absolute, seed, held, method_options)
+
+
+def _fitted(geometry: Geometry, points, method, cofactors, weights, absolute, seed, held: dict[str, float], options: dict) -> Fit:
+    """The part of every ``fit_*`` that is the same: arguments checked, the stack solved a block of clouds at a time, the fits joined."""
+    chosen = geometry.methods[one_of(method, geometry.methods, "method")]
+    points = point_array(points, geometry.dimension, geometry.minimum, geometry.name)
+    lead, n, dim = points.shape[:-2], points.shape[-2], points.shape[-1]
     full = None
-    if cofactors is not None and np.ndim(cofactors) >= 3 and np.shape(cofactors)[-3:] == (n, 3, 3):
+    if cofactors is not None and np.ndim(cofactors) >= 3 and np.shape(cofactors)[-3:] == (n, dim, dim):
         if weights is not None:
             raise ValueError("weights: expected None beside full cofactors, which say all, got both")
-        full, cofactors = covariance_array(cofactors, lead + (n, 3, 3), "cofactors"), None
+        full, cofactors = covariance_array(cofactors, lead + (n, dim, dim), "cofactors"), None
     if absolute and full is None and cofactors is None:
         raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
-    for what, asked in {"full cofactors": full is not None, "a held radius": radius is not None, "absolute cofactors": absolute}.items():
-        if asked and not chosen.consistent:
-            able = ", ".join(name for name, one in SPHERE_METHODS.items() if one.consistent)
+    asked = {"full cofactors": full is not None, "absolute cofactors": absolute, **{f"a held {name}": True for name in held}}
+    for what in (what for what, wanted in asked.items() if wanted):
+        if not chosen.consistent:
+            able = ", ".join(name for name, one in geometry.methods.items() if one.consistent)
             raise ValueError(f"method: expected one of {able} with {what}, got {method!r}")
+    count = int(np.prod(lead))
     given = {
         "weights": _a_priori_weights(weights, cofactors, lead + (n,)),
-        "cofactors": None if full is None else full.reshape((-1, n, 3, 3)),
-        "held_radius": None if radius is None else np.full(int(np.prod(lead)), positive(radius, "radius")),
+        "cofactors": None if full is None else full.reshape((-1, n, dim, dim)),
+        **{name: np.full(count, value) for name, value in held.items()},
     }
     if chosen.function is robust.robust:
-        method_options["seed"] = seed
-    flat = points.reshape((-1, n, 3))
+        options["seed"] = seed
+    flat = points.reshape((-1, n, dim))
     fits = []
     for part in pieces(len(flat), max(1, chosen.block // n)):
         its_own = {name: None if array is None else array[part] for name, array in given.items()}
-        cloud = sphere.reduce(flat[part], **its_own, first=part.start if lead else None)
-        fits.append(chosen.function(cloud, **method_options))
+        cloud = geometry.reduce(flat[part], first=part.start if lead else None, **its_own)
+        fits.append(chosen.function(cloud, **options))
     fit = joined(fits, lead, absolute)
     warn_if_not_converged(fit)
     return fit

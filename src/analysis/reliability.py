@@ -103,10 +103,9 @@ def reliability(fit: Fit, points, *, weights=None, cofactors=None, sigma=None, a
     Source: Baarda 1968; Pope 1976.
     """
     one_of(fit.method, METHODS, "method of the fit")
-    model = fit.MODEL()
-    model.free = free = _free(fit)
-    x = np.asarray(fit.parameters)
-    lead, n = x.shape[:-1], fit.distances.shape[-1]
+    model, x, derivative = fit.surface()
+    t = model.degrees
+    lead, n = fit.distances.shape[:-1], fit.distances.shape[-1]
     array = point_array(points, model.dimension, n, "this fit")
     if array.shape[:-1] != lead + (n,):
         raise ValueError(f"points: expected those of the fit, of shape {lead + (n, model.dimension)}, got {array.shape}")
@@ -114,7 +113,7 @@ def reliability(fit: Fit, points, *, weights=None, cofactors=None, sigma=None, a
     if fit.absolute and sigma is None:
         sigma = 1.0
     sigma_0 = np.broadcast_to(fit.sigma_0 if sigma is None else positive(sigma, "sigma"), lead).reshape(-1, 1)
-    x, omega = x.reshape(-1, x.shape[-1]), fit.weights.reshape(-1, n)
+    omega = fit.weights.reshape(-1, n)
     data = Points.of(array.reshape((len(x),) + array.shape[-2:]), _cofactors(weights, cofactors, lead + (n,), len(x)))
 
     def blocks():
@@ -123,13 +122,13 @@ def reliability(fit: Fit, points, *, weights=None, cofactors=None, sigma=None, a
             f, J, v = linearised(model, x, data.piece(piece))
             yield piece, omega[:, piece], f, J, np.broadcast_to(v, f.shape)
 
-    N, M = np.zeros((2, len(x), len(free), len(free)))
+    N, M = np.zeros((2, len(x), t, t))
     for _, w, _, J, v in blocks():
         N += (J * (w / v)[:, None]) @ J.swapaxes(-1, -2)
         M += (J * (w * w / v)[:, None]) @ J.swapaxes(-1, -2)
 
     redundancy, standardised, minimal = np.empty((3, len(x), n))
-    external = np.zeros((len(x), n, x.shape[-1]))
+    external = np.empty((len(x), n, derivative.shape[1]))
     for piece, w, f, J, v in blocks():
         NJ = solve(N, J)
         g = np.einsum("btn,btn->bn", J, NJ) / v
@@ -138,8 +137,8 @@ def reliability(fit: Fit, points, *, weights=None, cofactors=None, sigma=None, a
         with np.errstate(divide="ignore", invalid="ignore"):  # a point that nothing checks: no residual, no finite bias
             standardised[:, piece] = f / sd
             minimal[:, piece] = delta * sd / r
-        external[:, piece, free] = -(NJ * (w / v * minimal[:, piece])[:, None]).swapaxes(-1, -2)
-    p = 2.0 * norm.sf(np.abs(standardised)) if sigma is not None else _p_values(standardised, omega > 0, len(free))
+        external[:, piece] = -(derivative @ (NJ * (w / v * minimal[:, piece])[:, None])).swapaxes(-1, -2)
+    p = 2.0 * norm.sf(np.abs(standardised)) if sigma is not None else _p_values(standardised, omega > 0, t)
     return Reliability(*(field.reshape(lead + field.shape[1:]) for field in (redundancy, standardised, p, minimal, external)))
 
 
@@ -181,16 +180,10 @@ def data_snooping(
         fit = refit(points[kept], **given)
         tested = reliability(fit, points[kept], sigma=sigma, **given)
         worst = np.nanargmin(tested.p_values)
-        if tested.p_values[worst] > alpha0 or np.count_nonzero(kept) <= len(_free(fit)) + 1:
+        if tested.p_values[worst] > alpha0 or np.count_nonzero(kept) <= fit.surface()[0].degrees + 1:
             return fit, kept
         # Tiny probabilities are all 0; the residual tells them apart.
         kept[np.flatnonzero(kept)[np.nanargmax(np.abs(tested.standardised))]] = False
-
-
-def _free(fit: Fit) -> list[int]:
-    """The parameters that have a variance."""
-    variances = np.diagonal(fit.cofactor, axis1=-2, axis2=-1).reshape(-1, fit.parameters.shape[-1])
-    return np.flatnonzero(variances.max(axis=0) > 1e-12 * variances.max()).tolist()
 
 
 def _cofactors(weights, cofactors, shape: tuple[int, ...], count: int) -> np.ndarray:

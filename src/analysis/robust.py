@@ -1,7 +1,8 @@
 """Orthogonal-distance adjustment of any geometric model, and the high-breakdown robust fit around it.
 
-A geometric model gives, for parameters x and points p, the orthogonal distances d, their normals
-n = ∂d/∂p and their Jacobian J = ∂d/∂x, and a quick algebraic fit with weights. From these alone
+A geometric model gives, for a surface x and points p, the orthogonal distances d, their normals
+n = ∂d/∂p and their Jacobian J with respect to t free parameters that move the surface, and a quick algebraic
+fit with weights. From these alone
 come :func:`geometric`, the Gauss-Helmert adjustment with any point cofactors, and :func:`robust`, which
 are the same for every geometry:
 
@@ -41,25 +42,28 @@ SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
 class GeometricModel(Protocol):
-    """What a geometry must supply; x (…, t), D (…, n, dim) unless something else is said."""
+    """What a geometry must supply; x (…, s) numbers that describe a surface, D (…, n, dim) unless something else is said."""
 
     dimension: int  # of the points
-    free: list[int]  # the parameters to be estimated; the others are held
+    degrees: int  # t, the free parameters of a surface
     sample: int  # points that determine one surface
+    holds: bool  # whether part of x is given and not estimated
 
-    def distances(self, x, D): ...  # of the points (B, n, dim) from K surfaces each, x (B, K, t); (B, K, n)
+    def distances(self, x, D): ...  # of the points (B, n, dim) from K surfaces each, x (B, K, s); (B, K, n)
 
-    def linearised(self, x, D): ...  # distances (…, n) and their Jacobian with respect to x, (…, t, n)
+    def linearised(self, x, D): ...  # distances (…, n) and their Jacobian with respect to the free parameters, (…, t, n)
+
+    def moved(self, x, step): ...  # x (…, s) after a small step (…, t) in the free parameters
 
     def normals(self, x, D): ...  # their unit gradients with respect to the points, (…, n, dim)
 
     def adjusted(self, x, points): ...  # the place on the surface nearest to each of the Points in the metric of its Q⁻¹
 
-    def algebraic(self, D, weights): ...  # x (…, t) of a weighted algebraic fit
+    def algebraic(self, D, weights): ...  # x (…, s) of a weighted algebraic fit
 
-    def held(self, x): ...  # x with the parameters that are not free put in
+    def held(self, x): ...  # x with what is held put in
 
-    def through(self, samples): ...  # x (…, t) through `sample` points (…, sample, dim), NaN where there is none
+    def through(self, samples): ...  # x (…, s) through `sample` points (…, sample, dim), NaN where there is none
 
 
 @dataclass(frozen=True)
@@ -98,8 +102,7 @@ class Points:
 class Adjusted:
     """Result of an adjustment in the caller's frame.
 
-    x (B, t); cofactor (B, t, t) with zeros for held parameters; sigma (B,) standard deviation at cofactor 1;
-    weights (B, n); ended.
+    x (B, s); cofactor (B, t, t) of the free parameters; sigma (B,) standard deviation at cofactor 1; weights (B, n); ended.
     """
 
     x: np.ndarray
@@ -151,7 +154,7 @@ def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterat
 
 def _adjust(model, points: Points, x, sigma, function: WeightFunction | None, max_iterations: int) -> Adjusted:
     count, n = points.D.shape[:2]
-    t = len(model.free)
+    t = model.degrees
 
     def advance(points: Points, state):
         x, sigma, last, weights, leverage = state
@@ -174,9 +177,7 @@ def _adjust(model, points: Points, x, sigma, function: WeightFunction | None, ma
             # The scale of exact points is rounding and never settles.
             settled = np.abs(sigma - before) <= np.maximum(SETTLED * sigma, ROUNDING / np.sqrt(variances.min(axis=-1)))
             small, stalled = small & settled, stalled & settled
-        new = x.copy()
-        new[:, model.free] += step
-        new[lost] = x[lost]
+        new = np.where(lost[:, None], x, model.moved(x, step))
         return (new, sigma, length, weights, leverage), np.select([lost, small, stalled], [1, 2, 3], 0)
 
     ones, zeros = np.ones((count, n)), np.zeros((count, n))
@@ -192,9 +193,7 @@ def _adjust(model, points: Points, x, sigma, function: WeightFunction | None, ma
     N = (J * (weights / variances)[:, None, :]) @ J.swapaxes(-1, -2)
     # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
     factor = 1.0 if function is None else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
-    cofactor = np.zeros((count, x.shape[-1], x.shape[-1]))
-    cofactor[:, np.array(model.free)[:, None], model.free] = factor * cofactor_from_normal(N)
-    return Adjusted(x, cofactor, _scale(f * f / variances, weights, function, t), weights, ended)
+    return Adjusted(x, factor * cofactor_from_normal(N), _scale(f * f / variances, weights, function, t), weights, ended)
 
 
 def linearised(model: GeometricModel, x: np.ndarray, points: Points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -204,13 +203,12 @@ def linearised(model: GeometricModel, x: np.ndarray, points: Points) -> tuple[np
     places on the surface that are nearest in the metric of Q⁻¹: ``f = nᵀ(p − p̃)`` (Pope 1972).
     """
     if points.axes is None:
-        d, J = model.linearised(x, points.D)
-        return d, J[:, model.free], points.variances
+        return *model.linearised(x, points.D), points.variances
     adjusted = model.adjusted(x, points)
     d, J = model.linearised(x, adjusted)
     normals = model.normals(x, adjusted)
     f = d + np.einsum("bni,bni->bn", normals, points.D - adjusted)
-    return f, J[:, model.free], points.along(normals)
+    return f, J, points.along(normals)
 
 
 def _scale(squares: np.ndarray, weights: np.ndarray, function: WeightFunction | None, t: int) -> np.ndarray:
@@ -234,7 +232,7 @@ def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tu
     Elemental samples, the best followed by concentration steps (fit, keep the h closest, fit again). The
     samples are drawn from the points in an order of their own, so they do not depend on the order given.
     All points are treated alike: a small cofactor does not make a point a good one.
-    Returns x (B, t) and the spread of the distances (B,) as a standard deviation.
+    Returns x (B, s) and the spread of the distances (B,) as a standard deviation.
     """
     generator = np.random.default_rng(seed)
     D = _in_canonical_order(D)
@@ -242,9 +240,9 @@ def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tu
     if n > SUBSET:
         D = D[:, generator.permutation(n)[:SUBSET]]
         n = SUBSET
-    h = (n + len(model.free) + 1) // 2
+    h = (n + model.degrees + 1) // 2
     draws = np.argsort(generator.uniform(size=(SAMPLES, n)), axis=-1)[:, : model.sample]
-    x = model.through(D[:, draws])  # (B, S, t)
+    x = model.through(D[:, draws])  # (B, S, s)
     # A few clouds at a time: the distances from every sample are many, and should not leave the cache.
     parts = pieces(len(D), max(1, 4 * BLOCK // (SAMPLES * n)))
     cost = np.concatenate([_trimmed(model, x[part], D[part], h) for part in parts])
@@ -259,7 +257,7 @@ def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tu
         if np.array_equal(x, before):
             break
     x = x[:, 0]
-    if len(model.free) < x.shape[-1]:
+    if model.holds:
         x = model.held(x)
         for _ in range(20):
             x = _concentrated_with_held(model, x, D, h)
@@ -274,7 +272,7 @@ def _in_canonical_order(D: np.ndarray) -> np.ndarray:
 
 
 def _trimmed(model, x, D, h: int) -> np.ndarray:
-    """Sum of the h smallest squared distances from each of the surfaces x (B, K, t), (B, K); infinite where there is none."""
+    """Sum of the h smallest squared distances from each of the surfaces x (B, K, s), (B, K); infinite where there is none."""
     squares = model.distances(x, D)
     np.square(squares, out=squares)
     squares[np.isnan(squares)] = np.inf
@@ -283,18 +281,16 @@ def _trimmed(model, x, D, h: int) -> np.ndarray:
 
 
 def _concentrated(model, x, D, h: int) -> np.ndarray:
-    """One concentration step of each x (B, K, t): the fit to its h closest points, which lessens the fit's own trimmed sum."""
+    """One concentration step of each x (B, K, s): the fit to its h closest points, which lessens the fit's own trimmed sum."""
     new = model.algebraic(D[:, None], _closest(model.distances(x, D), h))
     return np.where(np.isfinite(new).all(axis=-1, keepdims=True), new, x)
 
 
 def _concentrated_with_held(model, x, D, h: int) -> np.ndarray:
-    """The same with held parameters: one Gauss-Newton step of the others on the h closest points."""
+    """The same with held parameters: one Gauss-Newton step of the free ones on the h closest points."""
     f, J = model.linearised(x, D)
-    J = J[:, model.free]
     weighed = J * _closest(f, h)[:, None, :]
-    new = x.copy()
-    new[:, model.free] -= solve(weighed @ J.swapaxes(-1, -2), weighed @ f[..., None])[..., 0]
+    new = model.moved(x, -solve(weighed @ J.swapaxes(-1, -2), weighed @ f[..., None])[..., 0])
     return np.where(np.isfinite(new).all(axis=-1, keepdims=True), new, x)
 
 

@@ -19,9 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .accuracy import cofactor_from_factor, propagate, solve, unit_weight_sd
+from .cloud import Cloud, closed_form, frame_of
 from .eiv import CommonCofactors, EIVProblem, IndependentRows
 from .fit import Fit
-from .validation import BLOCK, pieces, positive, whole_number
+from .validation import positive, whole_number
 from .wtls import (
     Ended,
     derivatives,
@@ -37,7 +38,6 @@ from .wtls import (
 )
 
 PARAMETERS = 4
-CLOSED_FORM = "solved in closed form"
 
 
 class SphereModel:
@@ -48,11 +48,18 @@ class SphereModel:
 
     def __init__(self, held_radius: np.ndarray | None = None):
         self.held_radius = held_radius
-        self.free = [0, 1, 2, 3] if held_radius is None else [0, 1, 2]
+        self.holds = held_radius is not None
+        self.degrees = 3 if self.holds else 4
 
     def held(self, x: np.ndarray) -> np.ndarray:
         """x (B, 4) with the held radius put in."""
-        return x if self.held_radius is None else np.concatenate([x[:, :3], self.held_radius[:, None]], axis=-1)
+        return np.concatenate([x[:, :3], self.held_radius[:, None]], axis=-1) if self.holds else x
+
+    def moved(self, x: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """x (…, 4) after a step in the centre and, unless it is held, the radius."""
+        new = x.copy()
+        new[..., : self.degrees] += step
+        return new
 
     @staticmethod
     def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -66,15 +73,14 @@ class SphereModel:
         squares -= x[..., 3:]
         return squares
 
-    @staticmethod
-    def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (…, n) of points (…, n, 3) from x (…, 4), and their Jacobian ``(−(p − k)/|p − k|, −1)``, (…, 4, n)."""
-        J = np.empty(points.shape[:-2] + (4, points.shape[-2]))
+    def linearised(self, x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (…, n) of points (…, n, 3) from x (…, 4), and their Jacobian ``(−(p − k)/|p − k|, −1)``, (…, 4 or 3, n)."""
+        J = np.empty(points.shape[:-2] + (self.degrees, points.shape[-2]))
         inwards = J[..., :3, :]
         np.subtract(x[..., :3, None], points.swapaxes(-1, -2), out=inwards)
         rho = np.sqrt(np.einsum("...in,...in->...n", inwards, inwards))
         inwards /= np.maximum(rho, np.finfo(float).tiny)[..., None, :]
-        J[..., 3, :] = -1.0
+        J[..., 3:, :] = -1.0
         return rho - x[..., 3:], J
 
     @staticmethod
@@ -149,7 +155,6 @@ class SphereFit(Fit):
     """A fitted sphere; ``parameters`` are (a, b, c, r) in m."""
 
     NAMES = ("a", "b", "c", "r")
-    MODEL = SphereModel
 
     @property
     def center(self) -> np.ndarray:
@@ -161,43 +166,24 @@ class SphereFit(Fit):
         """(…) in m; NaN where the method found no real sphere."""
         return self.parameters[..., 3]
 
+    def surface(self) -> tuple[SphereModel, np.ndarray, np.ndarray]:
+        variances = np.diagonal(self.cofactor, axis1=-2, axis2=-1).reshape(-1, PARAMETERS)
+        x = self.parameters.reshape(-1, PARAMETERS)
+        held = np.all(variances[:, 3] <= 1e-12 * variances.max(axis=-1))
+        model = SphereModel(x[:, 3] if held else None)
+        return model, x, np.broadcast_to(np.eye(PARAMETERS)[:, : model.degrees], (len(x), PARAMETERS, model.degrees))
+
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
-    """A stack of clouds with what every method needs of them first.
+class SphereCloud(Cloud):
+    """A stack of clouds with what every method of the sphere needs of them first.
 
-    points : (B, n, 3) as given, in m
-    weights : (B, n) a-priori weights, or None for ones
-    cofactors : (B, n, 3, 3) of the points, or None when they are isotropic (then weights say all)
     held_radius : (B,) in m, or None for a free radius
-    first : index of the first of these clouds in the whole stack, or None where one cloud is all there is
-    origin : (B, 3) centroid; length : (B,) a power of two near the RMS extent, so that dividing by it is exact
     factor : (B, 5, 5) triangular factor of the weighted rows ``(2D, 1, |D|²)``
     """
 
-    points: np.ndarray
-    weights: np.ndarray | None
-    cofactors: np.ndarray | None
     held_radius: np.ndarray | None
-    first: int | None
-    origin: np.ndarray
-    length: np.ndarray
     factor: np.ndarray
-
-    @property
-    def count(self) -> int:
-        return self.points.shape[-2]
-
-    def in_frame(self) -> tuple[np.ndarray, np.ndarray]:
-        """The points (B, n, 3) in the cloud's frame, and their cofactors, of which 1 stands for 1 m²."""
-        D = (self.points - self.origin[:, None, :]) / self.length[:, None, None]
-        return D, self.cofactors_in_frame()
-
-    def cofactors_in_frame(self) -> np.ndarray:
-        """(B, n) or (B, 1) variances, or (B, n, 3, 3); 1 stands for 1 m²."""
-        if self.cofactors is not None:
-            return self.cofactors / self.length[:, None, None, None] ** 2
-        return (np.ones((len(self.points), 1)) if self.weights is None else 1.0 / self.weights) / self.length[:, None] ** 2
 
     @property
     def model(self) -> SphereModel:
@@ -223,8 +209,10 @@ class Cloud:
         length = self.length[:, None]
         parameters = length * adjusted.x
         parameters[:, :3] += self.origin
-        cofactor = adjusted.cofactor * length[..., None] ** 2
-        return _assembled(self, method, parameters, cofactor, adjusted.sigma, adjusted.ended, adjusted.weights)
+        t = adjusted.cofactor.shape[-1]
+        cofactor = np.zeros((len(parameters), PARAMETERS, PARAMETERS))
+        cofactor[:, :t, :t] = adjusted.cofactor * length[..., None] ** 2
+        return self._assembled(method, parameters, cofactor, adjusted.sigma, adjusted.ended, adjusted.weights)
 
     def least_squares(self) -> np.ndarray:
         """(B, 4): minimises ``Σ P r²`` in the cloud's own frame."""
@@ -234,42 +222,51 @@ class Cloud:
         """(B, 5, n) rows ``(2D, 1, |D|²)``, one array a column."""
         return _rows(self.points, self.origin, self.length)
 
+    def printed(self, unit_weight: float) -> PrintedSphere:
+        """The printed problem of eqs. (8)-(12): Q_X = 1/P_X for the three columns 2p, Q_Y = w Q_X, nothing in common."""
+        Q_X = np.full((len(self.points), 1), 1.0) if self.weights is None else 1.0 / self.weights
+        Q_X = Q_X / unit_weight
+        w = np.einsum("bni,bni->bn", self.points, self.points)
+        # A point in the origin of the coordinates has Q_Y = w Q_X = 0 and P_Y without bound, which no solution survives.
+        Q_Y = np.maximum(w, 1e-9 * w.max(axis=-1, keepdims=True)) * Q_X / self.length[:, None] ** 4
+        problem = EIVProblem(self.rows(), CommonCofactors(_common_cofactors(self, [1, 1, 1, 0, 0]), Q_X, Q_Y))
+        return PrintedSphere(problem, self.origin, self.length)
 
-def reduce(points: np.ndarray, weights=None, cofactors=None, held_radius=None, first: int | None = None) -> Cloud:
-    """Centre, scale and factorise a stack ``(B, n, 3)``; the arguments as the fields of :class:`Cloud`.
+    def finished(self, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()) -> SphereFit:
+        """The result in m from x = (k, δ) and its cofactor in the cloud's frame."""
+        parameters, J = geometry(self.origin, self.length, x)
+        return self._assembled(method, parameters, propagate(cofactor, J), sigma_0, ended or closed_form(x), weights, history)
+
+    def _assembled(self, method, parameters, cofactor, sigma_0, ended: Ended, weights=None, history=()) -> SphereFit:
+        distances = np.empty(self.points.shape[:2])
+        for piece in self.pieces():
+            D = self.points[:, piece] - parameters[:, None, :3]
+            distances[:, piece] = np.sqrt(np.einsum("bni,bni->bn", D, D)) - parameters[:, None, 3]
+        imaginary = np.isnan(parameters[:, 3]) & ended.converged
+        return SphereFit(
+            method=method,
+            parameters=parameters,
+            cofactor=cofactor,
+            sigma_0=sigma_0,
+            distances=distances,
+            weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,
+            iterations=ended.iterations,
+            converged=ended.converged & ~imaginary,
+            stop_reason=np.where(imaginary, "no real sphere: the squared radius δ + |k|² came out negative", ended.stop_reason),
+            history=history,
+        )
+
+
+def reduce(points: np.ndarray, weights=None, cofactors=None, first: int | None = None, *, radius=None) -> SphereCloud:
+    """Centre, scale and factorise a stack ``(B, n, 3)``; radius (B,) to be held or None, the others as the fields of :class:`Cloud`.
 
     Raises ``ValueError`` when the points of a cloud lie in a plane (so also on a circle, on a line
     or in one place) as far as their coordinates can tell: no sphere, or no single one, fits best.
     """
-    n = points.shape[-2]
-    # As a product this sum over the middle axis is ten times as fast as mean(), and any origin near the centroid will do.
-    origin = (np.ones((1, n)) @ points)[:, 0] / n
-    squares = np.zeros(len(points))
-    for piece in _pieces(points):
-        D = points[:, piece] - origin[:, None, :]
-        squares += np.einsum("bni,bni->b", D, D)
-    length = np.exp2(np.round(0.5 * np.log2(np.maximum(squares / n, np.finfo(float).tiny))))
-    cloud = Cloud(points, weights, cofactors, held_radius, first, origin, length, _factor(points, weights, origin, length))
+    frame = Cloud(points, weights, cofactors, first, *frame_of(points))
+    cloud = SphereCloud(**vars(frame), held_radius=radius, factor=frame.factor_of(_rows))
     _require_a_sphere(cloud)
     return cloud
-
-
-def _pieces(points: np.ndarray) -> list[slice]:
-    """Pieces of the point axis such that all clouds of a stack together fill a block."""
-    return pieces(points.shape[-2], max(1, BLOCK // len(points)))
-
-
-def _factor(points: np.ndarray, weights: np.ndarray | None, origin: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """(B, 5, 5) triangular factor of the rows ``√P (2D, 1, |D|²)``."""
-
-    def blocks():
-        for piece in _pieces(points):
-            rows = _rows(points[:, piece], origin, length)
-            if weights is not None:
-                rows *= np.sqrt(weights[:, None, piece])
-            yield rows.swapaxes(-1, -2)
-
-    return triangular_factor(blocks())
 
 
 def _rows(points: np.ndarray, origin: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -283,23 +280,16 @@ def _rows(points: np.ndarray, origin: np.ndarray, length: np.ndarray) -> np.ndar
     return rows
 
 
-def _require_a_sphere(cloud: Cloud) -> None:
+def _require_a_sphere(cloud: SphereCloud) -> None:
     """The extents of the cloud along its principal axes must all stand out from the rounding of the coordinates."""
     centred = np.linalg.qr(cloud.factor[..., [3, 0, 1, 2]], mode="r")[..., 1:, 1:]
     extents = np.linalg.svd(centred, compute_uv=False) * (0.5 * cloud.length[:, None])
-    largest = np.abs(cloud.origin).max(axis=-1) + cloud.length
-    weight = 1.0 if cloud.weights is None else np.sqrt(cloud.weights.max(axis=-1))
-    rounding = 16 * np.sqrt(cloud.count) * np.finfo(float).eps * largest * weight
-    flat = extents[:, 2] <= np.maximum(rounding, 1e-8 * extents[:, 0])
-    if flat.any():
-        bad = int(np.flatnonzero(flat)[0])
-        rank = int(np.count_nonzero(extents[bad] > max(np.broadcast_to(rounding, flat.shape)[bad], 1e-8 * extents[bad, 0])))
-        shape = ("all at one place", "on one line", "in one plane (or on one circle)")[rank]
-        where = "" if cloud.first is None else f" in cloud {cloud.first + bad} of the stack"
-        raise ValueError(f"points: expected points that determine a sphere, got points {shape}{where}")
+    if bad := cloud.degenerate(extents, 3):
+        shape = ("all at one place", "on one line", "in one plane (or on one circle)")[bad[1]]
+        raise ValueError(f"points: expected points that determine a sphere, got points {shape}{cloud.name(bad[0])}")
 
 
-def _to_cloud_frame(cloud: Cloud) -> np.ndarray:
+def _to_cloud_frame(cloud: SphereCloud) -> np.ndarray:
     """(B, 5, 5) matrix L with ``(2D, 1, |D|²) = L (2p, 1, |p|²)``."""
     m, length = cloud.origin, cloud.length[:, None]
     L = np.zeros((len(m), 5, 5))
@@ -312,7 +302,7 @@ def _to_cloud_frame(cloud: Cloud) -> np.ndarray:
     return L
 
 
-def _to_printed_frame(cloud: Cloud) -> np.ndarray:
+def _to_printed_frame(cloud: SphereCloud) -> np.ndarray:
     """(B, 5, 5) inverse of :func:`_to_cloud_frame`."""
     m, length = cloud.origin, cloud.length[:, None]
     K = np.zeros((len(m), 5, 5))
@@ -325,7 +315,7 @@ def _to_printed_frame(cloud: Cloud) -> np.ndarray:
     return K
 
 
-def _common_cofactors(cloud: Cloud, printed: list[float]) -> np.ndarray:
+def _common_cofactors(cloud: SphereCloud, printed: list[float]) -> np.ndarray:
     """The common cofactor ``diag(printed)`` of the printed rows (2p, 1, |p|²), in the cloud's frame."""
     L = _to_cloud_frame(cloud)
     return (L * np.array(printed)) @ L.swapaxes(-1, -2)
@@ -334,17 +324,17 @@ def _common_cofactors(cloud: Cloud, printed: list[float]) -> np.ndarray:
 # --------------------------------------------------------------------------------- the methods
 
 
-def ls(cloud: Cloud) -> SphereFit:
+def ls(cloud: SphereCloud) -> SphereFit:
     """Algebraic least squares, ``min Σ P r²`` (Kåsa): errors in w alone.
 
     σ0 = √(ΣPr²/(n − 4)) in m². Source: Ou & Liu 2017, section 1.4 step 1.
     """
     x = cloud.least_squares()
     cofactor = cofactor_from_factor(cloud.factor[..., :4, :4])
-    return finished(cloud, "ls", x, cofactor / cloud.length[:, None, None] ** 4, _algebraic_sd(cloud, x))
+    return cloud.finished("ls", x, cofactor / cloud.length[:, None, None] ** 4, _algebraic_sd(cloud, x))
 
 
-def tls(cloud: Cloud) -> SphereFit:
+def tls(cloud: SphereCloud) -> SphereFit:
     """Pure total least squares by SVD of ``[2p, 1 | w]``, ``min Σ r²/(1 + |X|²)``, as the paper uses it.
 
     The constant column is taken as noisy and the result depends on the coordinate origin and on the
@@ -358,7 +348,7 @@ def tls(cloud: Cloud) -> SphereFit:
     return _common_fit(cloud, "tls", x, [1, 1, 1, 1, 1])
 
 
-def mixed_ls_tls(cloud: Cloud) -> SphereFit:
+def mixed_ls_tls(cloud: SphereCloud) -> SphereFit:
     """Mixed LS-TLS, ``min Σ r²/(1 + |k|²)``: equal independent errors in 2p and w, the column of ones exact.
 
     The minimum is the square of the smallest singular value σ of the centred ``[2p | w]``. It is found as
@@ -384,7 +374,7 @@ def mixed_ls_tls(cloud: Cloud) -> SphereFit:
     return _common_fit(cloud, "mixed_ls_tls", np.concatenate([k, delta[:, None]], axis=-1), [1, 1, 1, 0, 1])
 
 
-def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, max_iterations: int = 200) -> SphereFit:
+def wtls(cloud: SphereCloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, max_iterations: int = 200) -> SphereFit:
     """Weighted total least squares with the printed cofactors, no robust weights, to convergence.
 
     ``Q_A = diag(1,1,1,0) ⊗ Q_X``, ``Q_Y = w Q_X``, ``Q_X = 1/P_X``; errors of w and p taken as independent,
@@ -396,15 +386,15 @@ def wtls(cloud: Cloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, ma
     Source: Ou & Liu 2017, eqs. (8)-(12), (16)-(18); Schaffrin & Wieser 2008.
     """
     whole_number(max_iterations, "max_iterations")
-    problem = printed_problem(cloud, positive(unit_weight, "unit_weight"))
+    problem = cloud.printed(positive(unit_weight, "unit_weight")).problem
     x, ended = solved(problem, cloud.least_squares(), schaffrin_wieser_step, positive(tolerance, "tolerance"), max_iterations)
     ended = only_minima(problem, x, ended)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
-    return finished(cloud, "wtls", x, gauss_newton_cofactor(problem, x), sigma_0, ended)
+    return cloud.finished("wtls", x, gauss_newton_cofactor(problem, x), sigma_0, ended)
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # a sphere that shrinks onto a point is reported by its ending
-def eiv(cloud: Cloud, *, max_iterations: int = 100) -> SphereFit:
+def eiv(cloud: SphereCloud, *, max_iterations: int = 100) -> SphereFit:
     """Consistent weighted total least squares: w and p have the errors that the points give them.
 
     ``s_i = 4 (p_i − k)ᵀQ_i(p_i − k)``, ``Φ = Σ r²/s`` (the gradient-weighted, or Sampson, distance), minimised by
@@ -433,7 +423,7 @@ def eiv(cloud: Cloud, *, max_iterations: int = 100) -> SphereFit:
     if cloud.held_radius is not None:
         P = _tangent(x)
         cofactor = P @ solve(P.swapaxes(-1, -2) @ solve(cofactor, P), P.swapaxes(-1, -2))
-    return finished(cloud, "eiv", x, cofactor, sigma_0, ended)
+    return cloud.finished("eiv", x, cofactor, sigma_0, ended)
 
 
 def _tangent(x: np.ndarray) -> np.ndarray:
@@ -514,23 +504,44 @@ class PointCofactors(IndependentRows):
 # ------------------------------------------------------------------------- what the methods share
 
 
-def printed_problem(cloud: Cloud, unit_weight: float) -> EIVProblem:
-    """The printed problem of eqs. (8)-(12): Q_X = 1/P_X for the three columns 2p, Q_Y = w Q_X, nothing in common."""
-    Q_X = np.full((len(cloud.points), 1), 1.0) if cloud.weights is None else 1.0 / cloud.weights
-    Q_X = Q_X / unit_weight
-    w = np.einsum("bni,bni->bn", cloud.points, cloud.points)
-    # A point in the origin of the coordinates has Q_Y = w Q_X = 0 and P_Y without bound, which no solution survives.
-    Q_Y = np.maximum(w, 1e-9 * w.max(axis=-1, keepdims=True)) * Q_X / cloud.length[:, None] ** 4
-    return EIVProblem(cloud.rows(), CommonCofactors(_common_cofactors(cloud, [1, 1, 1, 0, 0]), Q_X, Q_Y))
+@dataclass(frozen=True)
+class PrintedSphere:
+    """The printed problem of a stack in the clouds' own frames, and what leads back to the printed frame (``igg3.Printed``)."""
+
+    problem: EIVProblem
+    origin: np.ndarray
+    length: np.ndarray
+
+    @staticmethod
+    def distances(x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Signed distances in units of the cloud's length, from ``|p − k|² = r + R²``; NaN without a real sphere."""
+        distances = r + squared_radius(x)[:, None]
+        np.maximum(distances, 0.0, out=distances)
+        np.sqrt(distances, out=distances)
+        distances -= real_radius(x)[:, None]
+        return distances
+
+    def parameters(self, x: np.ndarray) -> np.ndarray:
+        """(a, b, c, r) in m."""
+        return geometry(self.origin, self.length, x)[0]
+
+    def step(self, difference: np.ndarray) -> np.ndarray:
+        """|ΔX| of X = (a, b, c, δ) in m and m² from a difference of x, (B,)."""
+        dk = difference[:, :3] * self.length[:, None]
+        ddelta = difference[:, 3] * self.length**2 - 2.0 * np.einsum("bi,bi->b", self.origin, dk)
+        return np.sqrt(np.einsum("bi,bi->b", dk, dk) + ddelta**2)
+
+    def __getitem__(self, keep) -> PrintedSphere:
+        return PrintedSphere(self.problem[keep], self.origin[keep], self.length[keep])
 
 
-def _compressed(cloud: Cloud, printed: list[float]) -> EIVProblem:
+def _compressed(cloud: SphereCloud, printed: list[float]) -> EIVProblem:
     """The problem in which all rows have the cofactor ``diag(printed)``: its triangular factor stands for its rows."""
     ones = np.ones((len(cloud.points), 1))
     return EIVProblem(cloud.factor.swapaxes(-1, -2), CommonCofactors(_common_cofactors(cloud, printed), ones, 0.0 * ones))
 
 
-def _algebraic_sd(cloud: Cloud, x: np.ndarray) -> np.ndarray:
+def _algebraic_sd(cloud: SphereCloud, x: np.ndarray) -> np.ndarray:
     """``√(Σ P r²/(n − 4))`` in m²."""
     _, r = misclosures(EIVProblem(cloud.factor.swapaxes(-1, -2), None), x)
     return cloud.length**2 * unit_weight_sd(np.sum(r * r, axis=-1), cloud.count - PARAMETERS)
@@ -548,39 +559,10 @@ def geometry(origin: np.ndarray, length: np.ndarray, x: np.ndarray) -> tuple[np.
     return parameters, J
 
 
-def _common_fit(cloud: Cloud, method: str, x: np.ndarray, printed: list[float]) -> SphereFit:
+def _common_fit(cloud: SphereCloud, method: str, x: np.ndarray, printed: list[float]) -> SphereFit:
     """A fit whose rows all have the cofactor ``diag(printed)``, with σ0 as the algebraic residual."""
     problem = _compressed(cloud, printed)
     z, _ = misclosures(problem, x)
     s = problem.cofactors.misclosure(z)[:, 0]
     cofactor = gauss_newton_cofactor(problem, x) / (s * cloud.length**4)[:, None, None]
-    return finished(cloud, method, x, cofactor, _algebraic_sd(cloud, x))
-
-
-def finished(cloud, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()) -> SphereFit:
-    """The result in m from x = (k, δ) and its cofactor in the cloud's frame."""
-    parameters, J = geometry(cloud.origin, cloud.length, x)
-    if ended is None:
-        count = len(x)
-        ended = Ended((x,), np.zeros(count, dtype=int), np.ones(count, dtype=bool), np.full(count, CLOSED_FORM, dtype=object))
-    return _assembled(cloud, method, parameters, propagate(cofactor, J), sigma_0, ended, weights, history)
-
-
-def _assembled(cloud, method, parameters, cofactor, sigma_0, ended: Ended, weights=None, history=()) -> SphereFit:
-    distances = np.empty(cloud.points.shape[:2])
-    for piece in _pieces(cloud.points):
-        D = cloud.points[:, piece] - parameters[:, None, :3]
-        distances[:, piece] = np.sqrt(np.einsum("bni,bni->bn", D, D)) - parameters[:, None, 3]
-    imaginary = np.isnan(parameters[:, 3]) & ended.converged
-    return SphereFit(
-        method=method,
-        parameters=parameters,
-        cofactor=cofactor,
-        sigma_0=sigma_0,
-        distances=distances,
-        weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,
-        iterations=ended.iterations,
-        converged=ended.converged & ~imaginary,
-        stop_reason=np.where(imaginary, "no real sphere: the squared radius δ + |k|² came out negative", ended.stop_reason),
-        history=history,
-    )
+    return cloud.finished(method, x, cofactor, _algebraic_sd(cloud, x))
