@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from analysis import SPHERE_METHODS, ConvergenceWarning, fit_sphere, read_points
+from analysis import SPHERE_METHODS, ConvergenceWarning, fit_plane, fit_sphere, read_points
 from analysis.__main__ import SURFACES, main
 
 CENTER, RADIUS = np.array([10.0, -20.0, 1.5]), 0.0725
@@ -87,7 +87,7 @@ def test_a_result_that_did_not_converge_is_printed_with_status_1(scan, monkeypat
     def stopped_early(points, method):
         return fit_sphere(points, method, max_iterations=2)
 
-    monkeypatch.setitem(SURFACES, "sphere", type(surface)(stopped_early, surface.methods, surface.quantities, surface.labels))
+    monkeypatch.setitem(SURFACES, "sphere", type(surface)(stopped_early, surface.methods, surface.quantities, surface.described))
     monkeypatch.setattr(type(surface), "default", "igg3_wtls")
     assert main(["fit", "sphere", scan]) == 1
     printed = capsys.readouterr()
@@ -142,3 +142,26 @@ def test_as_a_module_from_a_terminal_without_greek_letters(scan):
     ended = subprocess.run(command, capture_output=True, env={"PYTHONIOENCODING": "ascii"})
     assert (ended.returncode, ended.stderr) == (0, b"")
     assert b"radius" in ended.stdout
+
+
+@pytest.fixture
+def wall(tmp_path):
+    """A scan of 200 points of a vertical plane, noise 1 mm."""
+    rng = np.random.default_rng(9)
+    u, v = rng.uniform(0, 2, (2, 200))
+    path = tmp_path / "wall.xyz"
+    np.savetxt(path, np.column_stack([3 + 0.6 * u, 0.8 * u, v]) + 1e-3 * rng.standard_normal((200, 3)), fmt="%.5f")
+    return str(path)
+
+
+def test_plane(wall, capsys):
+    assert main(["fit", "plane", wall]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    fit = fit_plane(read_points(wall))
+    sd = 1e3 * np.sqrt(np.diagonal(fit.normal_covariance))
+    assert lines[3].split() == ["normal", "x", f"{fit.normal[0]:.5f}", "±", f"{sd[0]:.3f}", "mrad"]
+    assert lines[6].split() == ["offset", f"{fit.offset:.5f}", "m", "±", f"{sd[3]:.3f}", "mm"]
+    assert main(["fit", "plane", wall, "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["normal"] == fit.normal.tolist() and record["parameters"] == fit.parameters.tolist()
+    assert "not vertical" in fail(capsys, "fit", "plane", wall, "--method", "ls")

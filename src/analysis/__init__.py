@@ -6,20 +6,24 @@
 """
 
 from .fit import ConvergenceWarning, Fit
-from .methods import SPHERE_METHODS, fit_sphere
+from .methods import PLANE_METHODS, SPHERE_METHODS, fit_plane, fit_sphere
+from .plane import PlaneFit
 from .points import read_points
 from .reliability import Reliability, data_snooping, reliability
 from .sphere import SphereFit
 from .wtls import Estimate, ls, mixed_ls_tls, tls, wtls
 
 __all__ = [
+    "PLANE_METHODS",
     "SPHERE_METHODS",
     "ConvergenceWarning",
     "Estimate",
     "Fit",
+    "PlaneFit",
     "Reliability",
     "SphereFit",
     "data_snooping",
+    "fit_plane",
     "fit_sphere",
     "ls",
     "mixed_ls_tls",

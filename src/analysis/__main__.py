@@ -1,4 +1,4 @@
-"""Command line: ``python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]``.
+"""Command line: ``python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]``, and so for a plane.
 
 Exit status 0: a result. 1: a result that did not converge. 2: no result, and one line on stderr says why.
 """
@@ -17,21 +17,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from .fit import ConvergenceWarning, Fit
-from .methods import SPHERE_METHODS, Method, fit_sphere
+from .methods import PLANE_METHODS, SPHERE_METHODS, Method, fit_plane, fit_sphere
+from .plane import PlaneFit
 from .points import read_points
+from .sphere import SphereFit
 
 
 @dataclass(frozen=True)
 class Surface:
-    """What can be fitted: its function and methods, its quantities by their names in the result, and its parameters in words.
+    """What can be fitted: its function and methods, its quantities by their names in the result, and how a reader is told of them.
 
-    The parameters are lengths in m; ``held`` names those that can be given instead of estimated.
+    described : gives for a fit the label, value, unit, standard deviation and its unit of each quantity
+    held : parameters, lengths in m, that can be given instead of estimated
     """
 
     fit: Callable[..., Fit]
     methods: Mapping[str, Method]
     quantities: tuple[str, ...]
-    labels: tuple[str, ...]
+    described: Callable[[Fit], list[tuple[str, float, str, float, str]]]
     held: tuple[str, ...] = ()
 
     @property
@@ -39,8 +42,23 @@ class Surface:
         return inspect.signature(self.fit).parameters["method"].default
 
 
+def _sphere(fit: SphereFit) -> list[tuple[str, float, str, float, str]]:
+    labels = ("centre x", "centre y", "centre z", "radius")
+    return [(label, value, "m", 1e3 * sd, "mm") for label, value, sd in zip(labels, fit.parameters, fit.standard_deviations, strict=True)]
+
+
+def _plane(fit: PlaneFit) -> list[tuple[str, float, str, float, str]]:
+    deviations = 1e3 * np.sqrt(np.diagonal(fit.normal_covariance))
+    rows = [(f"normal {axis}", value, "", sd, "mrad") for axis, value, sd in zip("xyz", fit.normal, deviations[:3], strict=True)]
+    rows.append(("offset", fit.offset, "m", deviations[3], "mm"))
+    units = (("", "mm/m"), ("", "mm/m"), ("m", "mm"))
+    slopes = zip(("a", "b", "c"), fit.parameters, fit.standard_deviations, units, strict=True)
+    return rows + [(f"{label} of z = a x + b y + c", value, unit, 1e3 * sd, of_sd) for label, value, sd, (unit, of_sd) in slopes]
+
+
 SURFACES = {
-    "sphere": Surface(fit_sphere, SPHERE_METHODS, ("center", "radius"), ("centre x", "centre y", "centre z", "radius"), ("radius",)),
+    "sphere": Surface(fit_sphere, SPHERE_METHODS, ("center", "radius"), _sphere, ("radius",)),
+    "plane": Surface(fit_plane, PLANE_METHODS, ("normal", "offset", "normal_covariance"), _plane),
 }
 
 
@@ -66,8 +84,8 @@ def report(fit: Fit, surface: Surface, file: str) -> str:
     """The result for a reader: aligned plain text with units; a standard deviation that is not defined is a dash."""
     method = surface.methods[fit.method]
     rows = [
-        (label, f"{_number(value, '.5f')} m", f"± {_number(1e3 * deviation, '.3f')} mm")
-        for label, value, deviation in zip(surface.labels, fit.parameters, fit.standard_deviations, strict=True)
+        (label, f"{_number(value, '.5f')} {unit}", f"± {_number(deviation, '.3f')} {of_deviation}")
+        for label, value, unit, deviation, of_deviation in surface.described(fit)
     ]
     rows += [
         ("σ0", f"{_number(fit.sigma_0, '.4g')} {method.sigma_0_unit}", "unit-weight standard deviation"),

@@ -89,6 +89,20 @@ def frame_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return origin, np.exp2(np.round(0.5 * np.log2(np.maximum(squares / n, np.finfo(float).tiny))))
 
 
+@dataclass(frozen=True)
+class Adjusted:
+    """Result of an adjustment in the cloud's frame.
+
+    x (B, s); cofactor (B, t, t) of the free parameters; sigma (B,) standard deviation at cofactor 1; weights (B, n) or None for ones; ended.
+    """
+
+    x: np.ndarray
+    cofactor: np.ndarray
+    sigma: np.ndarray
+    weights: np.ndarray | None
+    ended: Ended
+
+
 def closed_form(x: np.ndarray) -> Ended:
     """How solutions x (B, …) ended that took no iteration."""
     count = len(x)

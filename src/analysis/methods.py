@@ -6,17 +6,19 @@ A new method is one function in its geometry's file and one line here.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from . import igg3, robust, sphere
+from . import igg3, plane, robust, sphere
 from .fit import Fit, joined, warn_if_not_converged
-from .validation import BLOCK, covariance_array, one_of, pieces, point_array, positive, weight_array
+from .validation import BLOCK, covariance_array, finite_array, one_of, pieces, point_array, positive, weight_array
 
 # Where the number of iterations varies much from cloud to cloud, more of them together: the slowest then
 # run alone for a smaller part of the time.
 LONG_BLOCK = 4 * BLOCK
+WU_CHEN_WANG = "Wu, Chen & Wang, total least squares by a quasi-Newton method"
 OU_LIU = "Ou & Liu 2017, doi:10.7510/jgjs.issn.1001-3806.2017.05.026"
 
 
@@ -52,6 +54,19 @@ SPHERE_METHODS: dict[str, Method] = {
 }
 
 
+# The same methods have the same colours.
+PLANE_METHODS: dict[str, Method] = {
+    "ls": Method("LS", "Gauss-Markov model; " + WU_CHEN_WANG, "#0072B2", plane.ls),
+    "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + WU_CHEN_WANG, "#D55E00", plane.tls),
+    "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", plane.mixed_ls_tls),
+    "wtls": Method("WTLS", "Malengo & Pennecchi 2013; " + WU_CHEN_WANG, "#E69F00", plane.wtls),
+    "igg3_wtls": Method("IGG III-WTLS", "the scheme of Ou & Liu 2017 with the weights of " + WU_CHEN_WANG, "#009E73", igg3.igg3_wtls, LONG_BLOCK),
+    "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", plane.eiv, consistent=True),
+    "geometric": Method("orthogonal distance", "Pearson 1901; Pope 1972", "#999999", plane.geometric, consistent=True),
+    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
+}
+
+
 @dataclass(frozen=True)
 class Geometry:
     """What can be fitted: its name in a message, the points it needs, how a stack of clouds is prepared, and its methods."""
@@ -64,6 +79,7 @@ class Geometry:
 
 
 SPHERE = Geometry("a sphere", 3, 4, sphere.reduce, SPHERE_METHODS)
+PLANE = Geometry("a plane", 3, 3, plane.reduce, PLANE_METHODS)
 
 
 def fit_sphere(
@@ -109,6 +125,46 @@ def fit_sphere(
     """
     held = {} if radius is None else {"radius": positive(radius, "radius")}
     return _fitted(SPHERE, points, method, cofactors, weights, absolute, seed, held, method_options)
+
+
+def fit_plane(
+    points,
+    method: str = "robust",
+    *,
+    station=(0.0, 0.0, 0.0),
+    cofactors=None,
+    weights=None,
+    absolute: bool = False,
+    seed: int = 0,
+    **method_options,
+) -> plane.PlaneFit:
+    """Fit a plane to each cloud of a stack.
+
+    Parameters
+    ----------
+    points : (n, 3) or (…, n, 3) coordinates in m, n ≥ 3. Not changed.
+    method : a name from ``PLANE_METHODS``. ``ls``, ``tls``, ``wtls`` and ``igg3_wtls`` look for z = a x + b y + c and refuse a
+        vertical plane; the others take any orientation.
+    station : (3,) in m, where the scanner stood; ``wtls`` and ``igg3_wtls`` take their weights from the incidence angle.
+    cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`.
+
+    Returns
+    -------
+    PlaneFit, its fields with the leading axes of ``points``: ``parameters`` (…, 3) a, b and c in m, ``normal`` (…, 3) and ``offset``
+    (…) in m, ``covariance`` (…, 3, 3) of (a, b, c), ``normal_covariance`` (…, 4, 4) of (normal, offset), ``distances`` (…, n) in m, and the
+    rest as for a sphere.
+
+    Raises ``ValueError`` as :func:`fit_sphere`; points on a line determine no plane.
+
+    >>> fit = fit_plane([[0, 0, 1], [1, 0, 2], [0, 1, 4], [1, 1, 5.0]])
+    >>> fit.parameters.round(9), fit.normal.round(4)
+    (array([1., 3., 1.]), array([-0.3015, -0.9045,  0.3015]))
+    """
+    station = finite_array(station, "station")
+    if station.shape != (3,):
+        raise ValueError(f"station: expected shape (3,), got {station.shape}")
+    geometry = replace(PLANE, reduce=partial(plane.reduce, station=station))
+    return _fitted(geometry, points, method, cofactors, weights, absolute, seed, {}, method_options)
 
 
 def _fitted(geometry: Geometry, points, method, cofactors, weights, absolute, seed, held: dict[str, float], options: dict) -> Fit:

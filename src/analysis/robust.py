@@ -27,9 +27,10 @@ import numpy as np
 from scipy.stats import norm
 
 from .accuracy import cofactor_from_normal, solve
+from .cloud import Adjusted
 from .validation import BLOCK, pieces, positive, whole_number
 from .weights import IGG3, WeightFunction
-from .wtls import Ended, iterate
+from .wtls import iterate
 
 SAMPLES = 200  # elemental samples: with half of the points bad, about 12 of 200 four-point samples are clean
 CANDIDATES = 8  # samples that are followed by concentration steps
@@ -96,20 +97,6 @@ class Points:
 
     def __getitem__(self, keep) -> Points:
         return Points(self.D[keep], self.variances[keep], None if self.axes is None else self.axes[keep])
-
-
-@dataclass(frozen=True)
-class Adjusted:
-    """Result of an adjustment in the caller's frame.
-
-    x (B, s); cofactor (B, t, t) of the free parameters; sigma (B,) standard deviation at cofactor 1; weights (B, n); ended.
-    """
-
-    x: np.ndarray
-    cofactor: np.ndarray
-    sigma: np.ndarray
-    weights: np.ndarray
-    ended: Ended
 
 
 def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100):

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .accuracy import cofactor_from_factor, propagate, solve, unit_weight_sd
-from .cloud import Cloud, closed_form, frame_of
+from .cloud import Adjusted, Cloud, closed_form, frame_of
 from .eiv import CommonCofactors, EIVProblem, IndependentRows
 from .fit import Fit
 from .validation import positive, whole_number
@@ -204,8 +204,8 @@ class SphereCloud(Cloud):
         bias[:, 3] = (sigma_0 / self.length) ** 2 / x[:, 3]
         return bias
 
-    def fit(self, method: str, adjusted) -> SphereFit:
-        """The result in m of an adjustment of (a, b, c, r) in the cloud's frame (``robust.Adjusted``)."""
+    def fit(self, method: str, adjusted: Adjusted) -> SphereFit:
+        """The result in m of an adjustment of (a, b, c, r) in the cloud's frame."""
         length = self.length[:, None]
         parameters = length * adjusted.x
         parameters[:, :3] += self.origin

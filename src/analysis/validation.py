@@ -77,11 +77,14 @@ def covariance_array(values, shape: tuple[int, ...], name: str) -> np.ndarray:
         array = np.broadcast_to(array, shape)
     except ValueError:
         raise ValueError(f"{name}: expected shape {shape} or {shape[-3:]}, got {array.shape}") from None
-    if not np.allclose(array, array.swapaxes(-1, -2), rtol=1e-9, atol=0.0):
+    d = shape[-1]
+    if not all(np.allclose(array[..., i, j], array[..., j, i], rtol=1e-9, atol=0.0) for i in range(d) for j in range(i)):
         raise ValueError(f"{name}: expected symmetric matrices, got some that are not")
-    smallest = np.linalg.eigvalsh(array)[..., 0].min()
-    if not smallest > 0:
-        raise ValueError(f"{name}: expected positive definite matrices, got a smallest eigenvalue of {smallest:.3g}")
+    try:
+        np.linalg.cholesky(array)
+    except np.linalg.LinAlgError:
+        smallest = np.linalg.eigvalsh(array)[..., 0].min()
+        raise ValueError(f"{name}: expected positive definite matrices, got a smallest eigenvalue of {smallest:.3g}") from None
     return array
 
 
