@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from analysis import simulate
+from analysis import PLANE_METHODS, simulate
 from analysis.project import bench
 
 METHODS = ["ls", "igg3_wtls"]
@@ -13,13 +13,22 @@ STACK = simulate.sphere_redraws(3, gross=True)
 def test_tables_have_a_line_a_method():
     one = bench.single(STACK[0], METHODS, repeats=1)
     together = bench.stacked(STACK, METHODS, one["ms a fit"])
-    whole = bench.large(STACK[0], METHODS, repeats=1)
+    whole = bench.large_sphere(STACK[0], METHODS, repeats=1)
     assert one["method"].tolist() == together["method"].tolist() == METHODS
     assert whole["method"].tolist() == [bench.PEER, *METHODS]
     assert whole[f"{bench.PEER} : method"].iloc[0] == 1
     assert together["largest difference"].max() < 1e-9
     for table in (one, together, whole):
         assert np.all(table.select_dtypes("float").drop(columns="largest difference", errors="ignore") > 0)
+
+
+def test_planes():
+    stack = bench.plane_cloud(np.random.default_rng(1), (3, 50))
+    one = bench.large_plane(stack[0], np.tile(1e-6 * np.eye(3), (50, 1, 1)), repeats=1)
+    assert one["method"].tolist() == [bench.PEER, *PLANE_METHODS, "eiv, full cofactors"]
+    many = bench.patches(stack, METHODS, repeats=1)
+    assert many["method"].tolist() == [bench.PEER, *METHODS]
+    assert (many["s a fit"] > 0).all() and (many["peak : input"] > 0).all()
 
 
 def test_a_long_loop_runs_over_some_of_the_clouds():

@@ -126,3 +126,25 @@ def test_flattened_and_selected_stacks():
     np.testing.assert_array_equal(flat[keep].rows, flat.rows[keep])
     matrices = EIVProblem(rows, RowCofactors(np.broadcast_to(symmetric(N), (2, 3, N, M + 1, M + 1)))).flattened()
     assert matrices[keep].cofactors.Q.shape == (3, N, M + 1, M + 1)
+    Q = symmetric(2, 1, size=N * (M + 1)).reshape(2, 1, M + 1, N, M + 1, N).swapaxes(-2, -3)
+    blocks = EIVProblem(rows, DenseCofactors(Q)).flattened()
+    assert blocks[keep].cofactors.Q.shape == (3, M + 1, M + 1, N, N)
+    np.testing.assert_array_equal(blocks.cofactors.Q[1], blocks.cofactors.Q[2])  # one for each problem of the second axis
+
+
+def test_stack_of_correlated_problems_is_each_of_them():
+    Q = symmetric(3, size=N * (M + 1)).reshape(3, M + 1, N, M + 1, N).swapaxes(-2, -3)
+    z, columns, multipliers = GENERATOR.standard_normal((3, M + 1)), GENERATOR.standard_normal((3, M, N)), GENERATOR.standard_normal((3, N))
+    stack = DenseCofactors(Q)
+    S, errors = stack.misclosure(z), stack.errors(z, multipliers)
+    for i in range(3):
+        one = DenseCofactors(Q[i])
+        np.testing.assert_allclose(S[i], one.misclosure(z[i]), rtol=1e-12)
+        np.testing.assert_allclose(stack.weigh(S, columns)[i], one.weigh(S[i], columns[i]), rtol=1e-9)
+        np.testing.assert_allclose(errors[i], one.errors(z[i], multipliers[i]), rtol=1e-11, atol=1e-11)
+        slope = one.slope(z[i], multipliers[i], errors[i])
+        np.testing.assert_allclose(stack.slope(z, multipliers, errors)[i], slope, rtol=1e-11, atol=1e-11)
+        V = one.weighted_sum(multipliers[i], multipliers[i])
+        np.testing.assert_allclose(stack.weighted_sum(multipliers, multipliers)[i], V, rtol=1e-11)
+        L = GENERATOR.standard_normal((M + 1, M + 1))
+        np.testing.assert_allclose(stack.transformed(L).Q[i], one.transformed(L).Q, rtol=1e-11, atol=1e-11)

@@ -5,6 +5,7 @@ import odrpack
 import pytest
 
 import analysis
+from analysis.algorithms import ALGORITHMS
 from analysis.plane import incidence_cosines, tangents
 
 FREE = ("mixed_ls_tls", "eiv", "geometric", "robust")  # of any orientation
@@ -166,6 +167,13 @@ def test_wtls_is_the_printed_problem_with_its_own_weights(cosine_at):
         np.testing.assert_allclose(fit.parameters, x, rtol=1e-10)
         np.testing.assert_allclose(fit.covariance, estimate.covariance, rtol=1e-7)
         np.testing.assert_allclose(fit.normal, analysis.fit_plane(points, "geometric", weights=P).normal, atol=1e-11)
+
+
+def test_every_algorithm_finds_the_same_wtls_plane():
+    points = np.stack([patch((1, 2, 3), noise=0.05, seed=seed) for seed in range(5)])
+    expected = analysis.fit_plane(points, "wtls").parameters
+    for algorithm in ALGORITHMS:
+        np.testing.assert_allclose(analysis.fit_plane(points, "wtls", algorithm=algorithm).parameters, expected, rtol=1e-11)
 
 
 def row_cofactors(Q):
@@ -369,6 +377,7 @@ def test_bad_points(points, message):
         ({"method": "ls", "cofactors": spd(100)}, "eiv, geometric, robust with full cofactors"),
         ({"method": "wtls", "cosine_at": "here"}, "cosine_at"),
         ({"method": "wtls", "reweightings": -1}, "reweightings"),
+        ({"method": "wtls", "algorithm": "simplex"}, "bfgs"),
         ({"method": "geometric", "max_iterations": 0}, "max_iterations"),
         ({"k0": 3.0, "k1": 2.0}, "k0"),
     ],

@@ -10,9 +10,16 @@ from scipy.optimize import least_squares
 import analysis
 from analysis import simulate
 from analysis.eiv import CommonCofactors, DenseCofactors, EIVProblem, RowCofactors
-from analysis.wtls import derivatives, gauss_newton_cofactor, newton_step, objective, schaffrin_wieser_step, triangular_factor
+from analysis.wtls import (
+    ALGORITHMS,
+    derivatives,
+    gauss_newton_cofactor,
+    newton_step,
+    objective,
+    schaffrin_wieser_step,
+    triangular_factor,
+)
 
-ALGORITHMS = ("newton", "schaffrin_wieser")
 every_algorithm = pytest.mark.parametrize("algorithm", ALGORITHMS)
 SPHERE_Q_0 = np.diag([1.0, 1.0, 1.0, 0.0])
 
@@ -219,17 +226,25 @@ def test_newton_step_solves_with_them(name):
 
 
 def test_newton_step_that_would_climb_is_replaced():
-    """Far away the Hessian need not be positive definite; there a Schaffrin-Wieser step is taken."""
+    """Far away the Hessian need not be positive definite; there the way of a Gauss-Newton step is taken, which leads downhill."""
     problem = problems()["rows"]
-    climbs = 0
-    for x in 30 * np.random.default_rng(7).standard_normal((20, 3)):
-        _, gradient, hessian = derivatives(problem, x)
+    kinds = []
+    for x in 30 * np.random.default_rng(7).standard_normal((40, 3)):
+        value, gradient, hessian = derivatives(problem, x)
         newton = x - np.linalg.solve(hessian, gradient)
-        climb = objective(problem, newton) > objective(problem, x)
-        expected, tolerance = (schaffrin_wieser_step(problem, x), 1e-12) if climb else (newton, 1e-9)
-        np.testing.assert_allclose(newton_step(problem, x), expected, rtol=tolerance)
-        climbs += climb
-    assert 0 < climbs < 20
+        gauss_newton = -gauss_newton_cofactor(problem, x) @ gradient
+        new = newton_step(problem, x)
+        assert objective(problem, new) <= value * (1 + 1e-12)
+        if np.linalg.eigvalsh(hessian)[0] > 0 and objective(problem, newton) <= value:
+            np.testing.assert_allclose(new, newton, rtol=1e-9)
+            kinds.append("newton")
+        else:
+            shortened = (new - x) @ gauss_newton / (gauss_newton @ gauss_newton)
+            np.testing.assert_allclose(new - x, shortened * gauss_newton, rtol=1e-9, atol=1e-9 * np.linalg.norm(x))
+            halvings = -np.log2(shortened)
+            assert abs(halvings - round(halvings)) < 1e-9
+            kinds.append("gauss-newton" if round(halvings) == 0 else "halved")
+    assert set(kinds) == {"newton", "gauss-newton", "halved"}
 
 
 @pytest.mark.parametrize("name", ["common", "rows"])
@@ -286,6 +301,57 @@ def test_solution_and_cofactor_of_odrpack():
     np.testing.assert_allclose(estimate.sigma_0**2, theirs.res_var, rtol=1e-10)
     np.testing.assert_allclose(np.sqrt(np.diag(estimate.covariance)), theirs.sd_beta, rtol=1e-5)
     assert abs(theirs.res_var - 1) > 0.05  # else the factor would not show
+
+
+def lines(n=15):
+    """Points of a line y = 1 − 2x, a covariance matrix (2n, 2n) of x and y, full, and its part within the points."""
+    generator = np.random.default_rng(12)
+    full = covariances(generator, 1, 2 * n)[0]
+    x, y = generator.uniform(-1, 1, n), np.empty(n)
+    y = 1 - 2 * x
+    errors = np.linalg.cholesky(full) @ generator.standard_normal(2 * n)
+    pairs = np.where(np.tile(np.eye(n, dtype=bool), (2, 2)), 3 * full + 0.02 * np.tile(np.eye(n), (2, 2)), 0.0)
+    return x + errors[:n], y + errors[n:], full, pairs
+
+
+def line_by_scipy(x, y, covariance):
+    """All unknowns at once: the line's two and every true abscissa, from whitened observations."""
+    root = np.linalg.cholesky(covariance)
+
+    def whitened(unknowns):
+        a, b, true = unknowns[0], unknowns[1], unknowns[2:]
+        return np.linalg.solve(root, np.concatenate([x - true, y - a - b * true]))
+
+    start = np.concatenate([[1.0, -2.0], x])
+    solution = least_squares(whitened, start, jac="cs", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return solution.x[:2], 2 * solution.cost, np.linalg.inv(solution.jac.T @ solution.jac)[:2, :2]
+
+
+@every_algorithm
+@pytest.mark.parametrize("kind", ["pairs", "full"])
+def test_line_with_correlated_coordinates(algorithm, kind):
+    """Correlated pairs (x_i, y_i) as cofactors of the rows, a full covariance matrix of x and y as blocks."""
+    x, y, full, pairs = lines()
+    n = len(x)
+    covariance = {"pairs": pairs, "full": full}[kind]
+    if kind == "pairs":
+        rows = np.zeros((n, 3, 3))
+        rows[:, 1:, 1:] = np.einsum("ikjk->kij", covariance.reshape(2, n, 2, n))
+        assert np.abs(rows[:, 1, 2] / np.sqrt(rows[:, 1, 1] * rows[:, 2, 2])).max() > 0.3
+        known = {"row_cofactors": rows}
+    else:
+        Q_A, Q_Ay = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
+        Q_A[n:, n:], Q_Ay[n:] = covariance[:n, :n], covariance[:n, n:]
+        known = {"Q_A": Q_A, "Q_Ay": Q_Ay, "Q_y": covariance[n:, n:]}
+    estimate = analysis.wtls(np.column_stack([np.ones(n), x]), y, **known, algorithm=algorithm)
+    expected, objective, cofactor = line_by_scipy(x, y, covariance)
+    assert estimate.converged
+    np.testing.assert_allclose(estimate.x, expected, rtol=1e-8)
+    np.testing.assert_allclose(estimate.objective, objective, rtol=1e-12)
+    np.testing.assert_allclose(estimate.cofactor, cofactor, rtol=1e-6)
+    # Correlations matter.
+    without, *_ = line_by_scipy(x, y, np.diag(np.diag(covariance)))
+    assert np.abs(without - expected).max() > 1e-3
 
 
 # ------------------------------------------------------------------------------ special cases
@@ -351,12 +417,26 @@ def test_slow_convergence_goes_on_to_the_end():
     np.testing.assert_allclose(slow.x, analysis.wtls(A, y, row_cofactors=Q).x, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("algorithm", "seed"), [("schaffrin_wieser", 0), ("newton", 4)])
-def test_a_saddle_is_no_solution(algorithm, seed):
-    """With errors as large as the columns both iterations can end where ∇Φ = 0 and Φ is no minimum; TLS has the minimum in closed form."""
-    A, y, _ = noisier(seed, 0.7)
-    estimate, best = analysis.wtls(A, y, Q_0=np.eye(3), Q_X=np.ones(15), algorithm=algorithm), analysis.tls(A, y)
-    assert not estimate.converged or estimate.objective <= best.objective * (1 + 1e-9)
+NOISY_A, NOISY_Y = (np.stack([noisier(seed, 1.0)[part] for seed in range(100)]) for part in (0, 1))
+
+
+@every_algorithm
+def test_only_minima_are_solutions(algorithm):
+    """With errors as large as the columns an iteration can end at a saddle or run away; TLS has the minimum in closed form."""
+    best = analysis.tls(NOISY_A, NOISY_Y)
+    estimate = analysis.wtls(NOISY_A, NOISY_Y, Q_0=np.eye(3), Q_X=np.ones(15), algorithm=algorithm, max_iterations=200)
+    done = estimate.converged
+    np.testing.assert_allclose(estimate.objective[done], best.objective[done], rtol=1e-9)
+    assert done.any() and all(reason.startswith("not converged: ") for reason in estimate.stop_reason[~done])
+
+
+def test_newton_finds_the_minimum_where_others_do_not():
+    best = analysis.tls(NOISY_A, NOISY_Y)
+    found = {}
+    for algorithm in ("newton", "schaffrin_wieser"):
+        estimate = analysis.wtls(NOISY_A, NOISY_Y, Q_0=np.eye(3), Q_X=np.ones(15), algorithm=algorithm)
+        found[algorithm] = np.mean(np.abs(estimate.x - best.x).max(axis=-1) < 1e-8 * np.abs(best.x).max(axis=-1))
+    assert found["newton"] > 0.95 > 0.6 > found["schaffrin_wieser"]
 
 
 @every_algorithm
@@ -460,6 +540,28 @@ def test_row_cofactors_of_a_stack():
         np.testing.assert_allclose(together.x[index], analysis.wtls(A[index], y[index], row_cofactors=Q[index]).x, rtol=1e-12)
 
 
+@every_algorithm
+def test_every_algorithm_takes_stacks(algorithm):
+    A, y = stack_of_problems()
+    together = analysis.wtls(A, y, row_cofactors=Q_ROWS, algorithm=algorithm)
+    for index in np.ndindex(2, 3):
+        apart = analysis.wtls(A[index], y[index], row_cofactors=Q_ROWS, algorithm=algorithm)
+        np.testing.assert_allclose(together.x[index], apart.x, rtol=1e-12)
+        assert together.stop_reason[index].startswith("the ") and together.converged[index]
+
+
+@pytest.mark.parametrize("accuracy", ["gauss_newton", "inverse_hessian", "propagated"])
+def test_full_matrices_of_a_stack(accuracy):
+    A, y = stack_of_problems()
+    Q = covariances(np.random.default_rng(11), 1, 60)[0]
+    known = {"Q_A": Q[:45, :45], "Q_Ay": Q[:45, 45:], "Q_y": Q[45:, 45:], "accuracy": accuracy}
+    together = analysis.wtls(A, y, **known)
+    for index in np.ndindex(2, 3):
+        apart = analysis.wtls(A[index], y[index], **known)
+        np.testing.assert_allclose(together.x[index], apart.x, rtol=1e-12)
+        np.testing.assert_allclose(together.cofactor[index], apart.cofactor, rtol=1e-10)
+
+
 def test_inputs_stay_as_they_are():
     A, y, _ = some_problem()
     Q = Q_ROWS.copy()
@@ -545,7 +647,11 @@ SKEW = np.eye(15) + np.triu(np.full((15, 15), 0.1), 1)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"algorithm": "simplex"}, "algorithm: expected one of newton, schaffrin_wieser; got 'simplex'"),
+        ({"algorithm": "simplex"}, "algorithm: expected one of newton, bfgs, dfp, schaffrin_wieser, .*; got 'simplex'"),
+        ({"accuracy": "sandwich"}, "accuracy: expected one of gauss_newton, inverse_hessian, propagated; got 'sandwich'"),
+        ({"H_0": "zero"}, "H_0: expected one of gauss_newton, identity; got 'zero'"),
+        ({"H_0": "identity"}, "H_0: expected 'identity' with bfgs or dfp only, got it with 'newton'"),
+        ({"max_iterations": 0}, "max_iterations: expected a positive whole number, got 0"),
         ({"tolerance": 0}, "tolerance: expected a positive finite number, got 0"),
         ({"Q_0": np.eye(3), "Q_X": ONES, "Q_A": np.eye(45)}, "Q_A: expected either Q_A or Q_0 with Q_X, got both"),
         ({"Q_0": np.eye(3)}, "Q_0 and Q_X: expected both or none, got one of them"),
@@ -570,12 +676,6 @@ def test_bad_cofactors_are_refused(options, message):
         analysis.wtls(GOOD_A, GOOD_Y, **options)
 
 
-def test_full_matrices_take_one_problem():
-    A, y = stack_of_problems()
-    with pytest.raises(ValueError, match=r"A: expected one problem \(n, m\) with full .*, got a stack of shape \(2, 3, 15, 3\)"):
-        analysis.wtls(A, y, Q_A=np.eye(45))
-
-
 @pytest.mark.parametrize(
     "cofactors",
     [
@@ -590,6 +690,14 @@ def test_matrices_with_negative_variances_are_refused(cofactors):
     (name,) = {"Q_0", "Q_y", "Q_A", "row_cofactors"} & set(cofactors)
     with pytest.raises(ValueError, match=f"{name}: expected"):
         analysis.wtls(GOOD_A, GOOD_Y, **cofactors)
+
+
+def test_misclosures_that_are_one_are_refused():
+    """Two rows with one and the same error: their difference is exact, and no x need meet it."""
+    Q_y = np.eye(15)
+    Q_y[0, 1] = Q_y[1, 0] = 1.0
+    with pytest.raises(ValueError, match="cofactors: expected misclosures with a positive definite correlation matrix, got a smallest"):
+        analysis.wtls(GOOD_A, GOOD_Y, Q_y=Q_y)
 
 
 @pytest.mark.parametrize("cofactors", [{"Q_y": np.zeros(15)}, {"row_cofactors": np.zeros((15, 4, 4))}], ids=["Q_y", "row_cofactors"])

@@ -5,6 +5,7 @@
     ['eiv', 'geometric', 'igg3_wtls', 'ls', 'mixed_ls_tls', 'robust', 'tls', 'wtls']
 """
 
+from .algorithms import ALGORITHMS
 from .fit import ConvergenceWarning, Fit
 from .methods import PLANE_METHODS, SPHERE_METHODS, fit_plane, fit_sphere
 from .plane import PlaneFit
@@ -14,6 +15,7 @@ from .sphere import SphereFit
 from .wtls import Estimate, ls, mixed_ls_tls, tls, wtls
 
 __all__ = [
+    "ALGORITHMS",
     "PLANE_METHODS",
     "SPHERE_METHODS",
     "ConvergenceWarning",

@@ -25,6 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .accuracy import solve
+
 
 class IndependentRows:
     """What the structures with independent rows share: a misclosure cofactor s (…, n), one number a row."""
@@ -109,10 +111,10 @@ class RowCofactors(IndependentRows):
 
 @dataclass(frozen=True)
 class DenseCofactors:
-    """Any joint cofactor of all rows: blocks ``Q[j, k]`` (n, n) = cov(column j, column k), y last.
+    """Any joint cofactor of all rows: blocks ``Q[…, j, k]`` (n, n) = cov(column j, column k), y last.
 
     The only place where an n×n matrix is formed: for problems correlated from row to row, and
-    to check the others. One problem at a time.
+    to check the others.
     """
 
     Q: np.ndarray
@@ -130,26 +132,32 @@ class DenseCofactors:
         return cls(Q)
 
     def misclosure(self, z: np.ndarray) -> np.ndarray:
-        """Cofactor ``S = B Q Bᵀ`` of the misclosures, (n, n)."""
-        return np.einsum("j,jkab,k->ab", z, self.Q, z, optimize=True)
+        """Cofactor ``S = B Q Bᵀ`` of the misclosures, (…, n, n)."""
+        return np.einsum("...j,...jkab,...k->...ab", z, self.Q, z, optimize=True)
 
     @staticmethod
     def weigh(S: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
         """``S⁻¹`` times each of the ``columns``; correlated rows take no weights of their own, so ω is 1."""
-        return np.linalg.solve(S, columns.T).T
+        return solve(S, columns.swapaxes(-1, -2)).swapaxes(-1, -2)
 
     def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        return np.einsum("jkab,k,b->ja", self.Q, z, multipliers, optimize=True)[:-1]
+        return np.einsum("...jkab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[..., :-1, :]
 
     def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
-        """``−(∂S/∂x_j) λ``, (m, n): the predicted errors and their transposed counterpart."""
-        return errors + np.einsum("kjab,k,b->ja", self.Q, z, multipliers, optimize=True)[:-1]
+        """``−(∂S/∂x_j) λ``, (…, m, n): the predicted errors and their transposed counterpart."""
+        return errors + np.einsum("...kjab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[..., :-1, :]
 
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        return np.einsum("a,jkab,b->jk", multipliers, self.Q, t, optimize=True)
+        return np.einsum("...a,...jkab,...b->...jk", multipliers, self.Q, t, optimize=True)
 
     def transformed(self, L: np.ndarray) -> DenseCofactors:
-        return DenseCofactors(np.einsum("ij,jkab,lk->ilab", L, self.Q, L, optimize=True))
+        return DenseCofactors(np.einsum("...ij,...jkab,...lk->...ilab", L, self.Q, L, optimize=True))
+
+    def flattened(self, lead: tuple[int, ...]) -> DenseCofactors:
+        return DenseCofactors(_flat(self.Q, lead, 4))
+
+    def __getitem__(self, keep) -> DenseCofactors:
+        return DenseCofactors(self.Q[keep])
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .accuracy import propagate, unit_weight_sd
+from .algorithms import ALGORITHMS
 from .cloud import Adjusted, Cloud, closed_form, frame_of
 from .eiv import CommonCofactors, EIVProblem, IndependentRows
 from .fit import Fit
@@ -361,18 +362,22 @@ def mixed_ls_tls(cloud: PlaneCloud) -> PlaneFit:
     return cloud.fit("mixed_ls_tls", _principal_components(cloud))
 
 
-def wtls(cloud: PlaneCloud, *, cosine_at: str = "raw", reweightings: int = 3, max_iterations: int = 200) -> PlaneFit:
+def wtls(
+    cloud: PlaneCloud, *, algorithm: str = "bfgs", cosine_at: str = "raw", reweightings: int = 3, max_iterations: int = 200
+) -> PlaneFit:
     """Weighted total least squares with weights from the incidence angle, ``Q = 1/cos θ`` of x, y and z, column of ones exact.
 
     ``Φ = Σ P cos θ v²/(1 + a² + b²)`` is minimised for given weights. These are found from the LS plane, and then again
     from the plane they gave. σ0 = √(Φ/(n − 3)) is the standard deviation of a coordinate at cos θ = 1.
 
+    algorithm : a name from ``ALGORITHMS``; the paper's is a quasi-Newton one, and it does not say which
     cosine_at : where the beam meets the plane: ``raw`` at the measured point, as printed, or ``projected``: at the point
         projected on the plane, which keeps the errors of the points out of their weights
     reweightings : how often the weights are found again, 0 to keep those of the LS plane; the paper does not say
 
-    Source: Wu, Chen & Wang, method 3, where the minimum is found by a quasi-Newton method.
+    Source: Wu, Chen & Wang, method 3.
     """
+    minimise = ALGORITHMS[one_of(algorithm, ALGORITHMS, "algorithm")].function
     whole_number(max_iterations, "max_iterations")
     if reweightings != 0:
         whole_number(reweightings, "reweightings")
@@ -380,7 +385,7 @@ def wtls(cloud: PlaneCloud, *, cosine_at: str = "raw", reweightings: int = 3, ma
     iterations = np.zeros(len(x), dtype=int)
     for _ in range(1 + reweightings):
         problem = cloud.printed(1.0, x, cosine_at).problem
-        x, ended = solved(problem, x, newton_step, 1e-14, max_iterations)
+        x, ended = minimise(problem, x, tolerance=1e-14, max_iterations=max_iterations)
         iterations += ended.iterations
     ended = only_minima(problem, x, ended)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)

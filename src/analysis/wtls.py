@@ -7,16 +7,54 @@ its m + 1 rows: memory stays at a block and no moment matrix squares the conditi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .accuracy import cofactor_from_factor, cofactor_from_normal, solve, unit_weight_sd
+from .accuracy import cofactor_from_factor, cofactor_from_normal, propagate, solve, unit_weight_sd
+from .algorithms import ALGORITHMS
+from .conventions import CONVENTIONS, gauss_newton_cofactor
 from .eiv import CommonCofactors, DenseCofactors, EIVProblem, RowCofactors
+from .iteration import ENDED, Ended, iterate, only_minima, solved
+from .steps import derivatives, misclosures, newton_step, objective, schaffrin_wieser_step
 from .validation import finite_array, one_of, pieces, positive, weight_array, whole_number
 
-ROUNDING = 1e-11  # relative step below which a step that no longer shrinks is rounding and not divergence
+__all__ = [  # the geometric models build on what the solvers are made of
+    "ALGORITHMS",
+    "CONVENTIONS",
+    "Ended",
+    "Estimate",
+    "History",
+    "derivatives",
+    "gauss_newton_cofactor",
+    "iterate",
+    "ls",
+    "misclosures",
+    "mixed_ls_tls",
+    "newton_step",
+    "objective",
+    "only_minima",
+    "schaffrin_wieser_step",
+    "smallest_singular_solution",
+    "solved",
+    "tls",
+    "triangular_factor",
+    "wtls",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """How an iteration went, its start included as number 0.
+
+    x : (k+1, m) parameters; objective : (k+1,) Φ there
+    trials : (k+1,) steps tried along the direction of search; 1 for an algorithm that does not search
+    """
+
+    x: np.ndarray
+    objective: np.ndarray
+    trials: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -28,6 +66,7 @@ class Estimate:
     objective : (…) weighted sum of squared errors Φ at x
     sigma_0 : (…) ``√(Φ / (n − m))``; exact columns count as parameters
     iterations, converged, stop_reason : how the solution was reached
+    history : every iteration, where it was asked for
     """
 
     x: np.ndarray
@@ -37,6 +76,7 @@ class Estimate:
     iterations: int | np.ndarray = 0
     converged: bool | np.ndarray = True
     stop_reason: str | np.ndarray = "solved in closed form"
+    history: History | None = None
 
     @property
     def covariance(self) -> np.ndarray:
@@ -162,174 +202,6 @@ def smallest_singular_solution(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # ---------------------------------------------------------------------------------- iterated
 
 
-def misclosures(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``z = (−x, 1)`` (…, m+1) and the misclosures ``r = y − A x`` (…, n)."""
-    z = np.concatenate([-x, np.ones(x.shape[:-1] + (1,))], axis=-1)
-    return z, (z[..., None, :] @ problem.rows)[..., 0, :]
-
-
-def schaffrin_wieser_step(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0, known=None) -> np.ndarray:
-    """One step ``x⁺ = (AᵀWA − V)⁻¹ (AᵀWy − v)`` from x; robust ``weights`` ω ≥ 0 act on whole rows.
-
-    ``W = ω/s``, ``t = r/s`` and ``[V v] = Σ ω t² Q_i`` (for the Kronecker form V = ν Q_0). Computed as the
-    increment ``(AᵀWA − V)⁻¹ (AᵀWr + Vx − v)``, which is the same and loses less to rounding. Nothing is
-    divided by ω, so a weight of zero takes its row out and leaves no NaN behind. ``known`` are the
-    :func:`misclosures` at x where a caller has them already.
-
-    Source: Schaffrin & Wieser 2008; Ou & Liu 2017, eqs. (16)-(17), with V and v extended to any
-    cofactors of the rows.
-    """
-    m = problem.parameters
-    cofactors = problem.cofactors
-    z, r = known or misclosures(problem, x)
-    s = cofactors.misclosure(z)
-    t = cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    columns = problem.rows[..., :m, :]
-    weighed = cofactors.weigh(s, columns, weights)
-    V = cofactors.weighted_sum(weights * t, t)[..., :m, :]
-    right = weighed @ r[..., None] - V @ z[..., None]
-    return x + solve(weighed @ columns.swapaxes(-1, -2) - V[..., :m], right)[..., 0]
-
-
-def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``Φ = rᵀS⁻¹r`` with half its gradient (…, m) and half its exact Hessian (…, m, m).
-
-    ``½∇Φ = −(A − Ẽ)ᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``λ = S⁻¹r``, ``B = A − slope``, ``V = Σ λ² Q``.
-    Source: Fang 2013, for independent rows; the slope is that of S in full.
-    """
-    m = problem.parameters
-    cofactors = problem.cofactors
-    z, r = misclosures(problem, x)
-    s = cofactors.misclosure(z)
-    multipliers = cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    columns = problem.rows[..., :m, :]
-    errors = cofactors.errors(z, multipliers)
-    gradient = -((columns - errors) @ multipliers[..., None])[..., 0]
-    B = columns - cofactors.slope(z, multipliers, errors)
-    hessian = cofactors.weigh(s, B) @ B.swapaxes(-1, -2)
-    hessian -= cofactors.weighted_sum(multipliers, multipliers)[..., :m, :m]
-    return np.sum(multipliers * r, axis=-1), gradient, hessian
-
-
-def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """One Newton step with the exact Hessian; a Schaffrin-Wieser step where Φ would not fall.
-
-    Far from the solution the Hessian need not be positive definite.
-    """
-    value, gradient, hessian = derivatives(problem, x)
-    new = x - solve(hessian, gradient[..., None])[..., 0]
-    worse = ~(objective(problem, new) <= value * (1 + 1e-12))
-    if np.any(worse):
-        new = np.where(worse[..., None], schaffrin_wieser_step(problem, x), new)
-    return new
-
-
-STEPS: dict[str, Callable] = {"newton": newton_step, "schaffrin_wieser": schaffrin_wieser_step}
-
-
-def objective(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0) -> np.ndarray:
-    """``Φ(x) = Σ ω r²/s`` (in dense form ``rᵀS⁻¹r``), the least weighted sum of squared errors that x allows."""
-    z, r = misclosures(problem, x)
-    multipliers = problem.cofactors.weigh(problem.cofactors.misclosure(z), r[..., None, :], weights)[..., 0, :]
-    return np.sum(multipliers * r, axis=-1)
-
-
-def gauss_newton_cofactor(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0) -> np.ndarray:
-    """Cofactor ``(ÃᵀWÃ)⁻¹`` of x with the adjusted rows ``Ã = A − Ẽ``, (…, m, m)."""
-    cofactors = problem.cofactors
-    z, r = misclosures(problem, x)
-    s = cofactors.misclosure(z)
-    t = cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    adjusted = problem.rows[..., : problem.parameters, :] - cofactors.errors(z, t)
-    return cofactor_from_normal(cofactors.weigh(s, adjusted, weights) @ adjusted.swapaxes(-1, -2))
-
-
-ENDED = ("iterations", "converged", "stop_reason")
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How the iterations over a stack of B problems ended: the last state, and (B,) iterations, converged, stop_reason."""
-
-    state: tuple[np.ndarray, ...]
-    iterations: np.ndarray
-    converged: np.ndarray
-    stop_reason: np.ndarray
-
-
-def iterate(problem, state: tuple[np.ndarray, ...], advance: Callable, endings: list[tuple[bool, str]], max_iterations: int) -> Ended:
-    """Repeat ``state, ending = advance(problem, state)`` for every problem of a stack until it has ended.
-
-    problem : anything that a mask over the leading axis selects from
-    state : arrays with that leading axis (B, …)
-    advance : gives the next state and, for each problem, 0 to go on or the 1-based number of an ending
-    endings : (converged, sentence) of each ending
-
-    A problem that has ended is left as it is and costs nothing more, so that it comes out the same in
-    a stack of any size.
-    """
-    count = len(state[0])
-    final = tuple(array.copy() for array in state)
-    active = np.arange(count)
-    iterations = np.full(count, max_iterations)
-    ending = np.zeros(count, dtype=int)
-    for iteration in range(1, max_iterations + 1):
-        state, now = advance(problem, state)
-        stopped = (now > 0) | (iteration == max_iterations)
-        if stopped.any():
-            ended = active[stopped]
-            iterations[ended] = iteration
-            ending[ended] = now[stopped]
-            for whole, part in zip(final, state, strict=True):
-                whole[ended] = part[stopped]
-            keep = ~stopped
-            active = active[keep]
-            if not len(active):
-                break
-            problem, state = problem[keep], tuple(part[keep] for part in state)
-    known = [(False, f"not converged: still moving after {max_iterations} iterations"), *endings]
-    converged = np.array([one[0] for one in known])[ending]
-    return Ended(final, iterations, converged, np.array([one[1] for one in known], dtype=object)[ending])
-
-
-def solved(problem: EIVProblem, x: np.ndarray, step: Callable, tolerance: float, max_iterations: int) -> tuple[np.ndarray, Ended]:
-    """Repeat ``x ← step(problem, x)`` for a stack x (B, m) until ``|Δx| ≤ tolerance·|x|``.
-
-    A step that is down at rounding level and does not shrink any more ends it as converged, too.
-    """
-
-    def advance(problem, state):
-        x, last = state
-        new = step(problem, x)
-        length, size = np.linalg.norm(new - x, axis=-1), np.linalg.norm(new, axis=-1)
-        lost = ~np.isfinite(length)
-        stalled = (length >= last) & (length <= ROUNDING * size)
-        ending = np.select([lost, length <= tolerance * size, stalled], [1, 2, 3], 0)
-        return (np.where(lost[:, None], x, new), length), ending
-
-    endings = [
-        (False, "not converged: the normal equations became singular"),
-        (True, f"the relative step fell below {tolerance:g}"),
-        (True, "the step reached rounding level"),
-    ]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a lost problem is reported by its ending
-        ended = iterate(problem, (x, np.full(len(x), np.inf)), advance, endings, max_iterations)
-    return ended.state[0], ended
-
-
-def only_minima(problem: EIVProblem, x: np.ndarray, ended: Ended) -> Ended:
-    """Take back the convergence of what is stationary but no minimum of Φ: its Hessian has a negative eigenvalue.
-
-    With errors as large as the columns an iteration can end at a saddle of Φ.
-    """
-    hessian = derivatives(problem, x)[2]
-    fine = np.isfinite(hessian).all(axis=(-1, -2))
-    eigenvalues = np.linalg.eigvalsh(np.where(fine[..., None, None], hessian, 0.0))
-    saddle = ended.converged & (eigenvalues[..., 0] < -1e-10 * eigenvalues[..., -1])
-    reason = np.where(saddle, "not converged: ended where Φ is stationary, but at no minimum", ended.stop_reason)
-    return replace(ended, converged=ended.converged & ~saddle, stop_reason=reason)
-
-
 def wtls(
     A,
     y,
@@ -341,73 +213,112 @@ def wtls(
     Q_X=None,
     row_cofactors=None,
     algorithm: str = "newton",
+    H_0: str = "gauss_newton",
+    accuracy: str = "gauss_newton",
+    history: bool = False,
     tolerance: float = 1e-14,
     max_iterations: int = 500,
 ) -> Estimate:
     """Weighted total least squares, ``min e_yᵀQ_y⁻¹e_y + vec(E_A)ᵀQ_A⁻¹vec(E_A)`` with any cofactors.
 
     The cofactors may be singular (a zero variance makes an element exact). They are given in
-    one of three ways; the first two are O(n) and take stacks:
+    one of three ways; the first two are O(n):
 
     * ``row_cofactors`` (…, n, m+1, m+1) of the rows ``(a_i, y_i)``;
     * ``Q_0`` (m, m) with ``Q_X`` (n,): ``Q_A = Q_0 ⊗ Q_X``, and ``Q_y`` (n,) or None for ones;
     * in full: ``Q_y`` (n,) or (n, n), ``Q_A`` (nm, nm) for vec(A) column by column (or ``Q_0`` with
-      a full ``Q_X`` (n, n)), ``Q_Ay`` (nm, n) or None for zero. One problem, O(n³): for small ones.
+      a full ``Q_X`` (n, n)), ``Q_Ay`` (nm, n) or None for zero. O(n³): for small problems.
 
     With none of Q_A, Q_0, row_cofactors the design matrix is exact.
 
     Parameters
     ----------
     A : (…, n, m); y : (…, n)
-    algorithm : ``newton`` (exact Hessian) or ``schaffrin_wieser``; same solution.
+    algorithm : one of :data:`~analysis.algorithms.ALGORITHMS`, all with the same solution. ``newton`` is the
+        quickest and the one to be trusted with errors as large as the columns.
+    H_0 : inverse Hessian that ``bfgs`` and ``dfp`` begin with: ``gauss_newton``, the inverse of Gauss-Newton's at
+        the start, or ``identity``, in the units of A and y, as Wu, Chen & Wang have it.
+    accuracy : convention of the cofactor, one of :data:`~analysis.conventions.CONVENTIONS`: ``gauss_newton``,
+        ``(ÃᵀS⁻¹Ã)⁻¹``; ``inverse_hessian``, ``2(∇²Φ)⁻¹``; ``propagated`` from the data through ``∇Φ = 0``.
+    history : whether to keep every iteration; of one problem, not of a stack.
     tolerance : relative step at which to stop, in parameters scaled to orthonormal columns of A.
 
-    Returns an :class:`Estimate`; ``cofactor`` is ``(ÃᵀS⁻¹Ã)⁻¹``, the Gauss-Newton convention. Not
-    converged: ``converged`` is False and ``stop_reason`` says why. ``ValueError`` for wrong shapes, NaN
-    or infinity, dependent columns, an unknown algorithm or cofactors given twice.
+    Returns an :class:`Estimate`. Not converged: ``converged`` is False and ``stop_reason`` says why.
+    ``ValueError`` for wrong shapes, NaN or infinity, dependent columns, rows without errors, an unknown
+    algorithm or convention, or cofactors given twice.
 
-    Source: Schaffrin & Wieser 2008; Fang 2013 (exact Hessian); Ou & Liu 2017, eqs. (1)-(5).
+    Source: Schaffrin & Wieser 2008; Fang 2013 (exact Hessian); Wu, Chen & Wang (quasi-Newton); Ou & Liu
+    2017, eqs. (1)-(5).
 
     >>> x = np.array([0.0, 1.0, 2.0, 3.0])
     >>> line = wtls(np.column_stack([np.ones(4), x]), 1 + 2 * x, Q_0=np.diag([0.0, 1.0]), Q_X=np.ones(4))
     >>> line.x.round(12), bool(line.converged)
     (array([1., 2.]), True)
     """
-    step = STEPS[one_of(algorithm, STEPS, "algorithm")]
+    chosen = ALGORITHMS[one_of(algorithm, ALGORITHMS, "algorithm")]
+    if one_of(H_0, ("gauss_newton", "identity"), "H_0") == "identity" and not chosen.takes_H_0:
+        raise ValueError(f"H_0: expected 'identity' with bfgs or dfp only, got it with {algorithm!r}")
+    cofactor_of = CONVENTIONS[one_of(accuracy, CONVENTIONS, "accuracy")]
     tolerance = positive(tolerance, "tolerance")
     whole_number(max_iterations, "max_iterations")
     rows = _rows(A, y)
-    cofactors = _cofactors(rows.shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors)
-    if isinstance(cofactors, DenseCofactors) and rows.ndim > 2:
-        raise ValueError(f"A: expected one problem (n, m) with full cofactor matrices, got a stack of shape {np.shape(A)}")
-    n, m = rows.shape[-1], rows.shape[-2] - 1
-    # Orthonormal columns make every later system well conditioned: A x = (A R⁻¹)(R x).
-    R = triangular_factor(_weighted_blocks(rows, None))
+    lead = rows.shape[:-2]
+    if history and lead:
+        raise ValueError(f"history: expected one problem (n, m), got a stack of shape {np.shape(A)}")
+    problem = EIVProblem(rows, _cofactors(rows.shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors))
+    n, m = problem.count, problem.parameters
+    problem, root, start = _orthonormal(problem)
+    _require_errors(problem, start)
+
+    options = {"tolerance": tolerance, "max_iterations": max_iterations}
+    if history:
+        options["watch"] = trace = _Trace(start)
+    if H_0 == "identity":  # of Φ and x, hence 2 R Rᵀ of Φ/2 and R x
+        options["H_0"] = 2.0 * cofactor_from_factor(root).reshape(-1, m, m)
+    scaled, ended = chosen.function(problem.flattened(), start.reshape(-1, m), **options)
+    scaled = scaled.reshape(lead + (m,))
+    ended = only_minima(problem, scaled, replace(ended, **{name: getattr(ended, name).reshape(lead) for name in ENDED}))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a lost problem is reported by its ending
+        phi = objective(problem, scaled)
+        return Estimate(
+            x=(root @ scaled[..., None])[..., 0],
+            cofactor=propagate(cofactor_of(problem, scaled), root),
+            objective=phi,
+            sigma_0=unit_weight_sd(phi, n - m),
+            history=trace.history(problem, root) if history else None,
+            **{name: getattr(ended, name)[()] for name in ENDED},
+        )
+
+
+def _orthonormal(problem: EIVProblem) -> tuple[EIVProblem, np.ndarray, np.ndarray]:
+    """The problem with orthonormal columns of A, which makes every later system well conditioned: ``A x = (A R⁻¹)(R x)``.
+
+    Also ``R⁻¹``, which leads back to x, and the least-squares solution R x to start from.
+    """
+    m = problem.parameters
+    R = triangular_factor(_weighted_blocks(problem.rows, None))
     _require_full_rank(R[..., :m, :m])
     root = solve(R[..., :m, :m], np.broadcast_to(np.eye(m), R.shape[:-2] + (m, m)))
     L = np.zeros(R.shape[:-2] + (m + 1, m + 1))
     L[..., :m, :m] = root.swapaxes(-1, -2)
     L[..., m, m] = 1.0
-    problem = EIVProblem(L @ rows, cofactors.transformed(L))
-    start = R[..., :m, m]  # least squares
-    _require_errors(problem, start)
+    return EIVProblem(L @ problem.rows, problem.cofactors.transformed(L)), root, R[..., :m, m]
 
-    if isinstance(cofactors, DenseCofactors):
-        lead = ()
-        scaled, ended = solved(problem, start[None], lambda one, x: step(one, x[0])[None], tolerance, max_iterations)
-    else:
-        lead = rows.shape[:-2]
-        scaled, ended = solved(problem.flattened(), start.reshape(-1, m), step, tolerance, max_iterations)
-    scaled = scaled.reshape(lead + (m,))
-    ended = only_minima(problem, scaled, replace(ended, **{name: getattr(ended, name).reshape(lead) for name in ENDED}))
-    phi = objective(problem, scaled)
-    return Estimate(
-        x=(root @ scaled[..., None])[..., 0],
-        cofactor=root @ gauss_newton_cofactor(problem, scaled) @ root.swapaxes(-1, -2),
-        objective=phi,
-        sigma_0=unit_weight_sd(phi, n - m),
-        **{name: getattr(ended, name)[()] for name in ENDED},
-    )
+
+class _Trace:
+    """Keeps the states of one problem that a minimisation passes through."""
+
+    def __init__(self, start: np.ndarray):
+        self.x, self.trials = [start], [0]
+
+    def __call__(self, x: np.ndarray, trials=(1,)) -> None:
+        self.x.append(x[0])
+        self.trials.append(int(trials[0]))
+
+    def history(self, problem: EIVProblem, root: np.ndarray) -> History:
+        """As it was, in the parameters that ``root`` leads back to."""
+        x = np.array(self.x)
+        return History(x @ root.T, np.array([objective(problem, one) for one in x]), np.array(self.trials))
 
 
 # ---------------------------------------------------------------------------------- in and out
@@ -443,11 +354,19 @@ def _require_full_rank(R: np.ndarray) -> None:
 
 
 def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
-    """Every misclosure must have a variance: rows without any error cannot all be met."""
+    """Every misclosure must have a variance of its own: rows without any error cannot all be met."""
     s = problem.cofactors.misclosure(misclosures(problem, x)[0])
-    variances = np.diagonal(s) if isinstance(problem.cofactors, DenseCofactors) else s
+    dense = isinstance(problem.cofactors, DenseCofactors)
+    variances = np.diagonal(s, axis1=-2, axis2=-1) if dense else s
     if not (variances > 0).all():
         raise ValueError(f"cofactors: expected an error in every row, got rows whose misclosure has a variance of {variances.min():.3g}")
+    if dense:
+        roots = np.sqrt(variances)
+        smallest = np.linalg.eigvalsh(s / (roots[..., :, None] * roots[..., None, :]))[..., 0].min()
+        if smallest < 16 * np.finfo(float).eps:
+            raise ValueError(
+                f"cofactors: expected misclosures with a positive definite correlation matrix, got a smallest eigenvalue of {smallest:.3g}"
+            )
 
 
 def _cofactors(shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors) -> CommonCofactors | RowCofactors | DenseCofactors:

@@ -1,7 +1,7 @@
 """
-Time and memory of every sphere method, against stated limits and beside scikit-spatial's sphere fit.
+Time and memory of the methods, against stated limits and beside scikit-spatial's fits of the same points.
 
-``python -m analysis.project.bench``; takes about a minute. Numbers are of this machine at this moment, so nothing is exported.
+``python -m analysis.project.bench``; takes about two minutes. Numbers are of this machine at this moment, so nothing is exported.
 """
 
 import math
@@ -12,13 +12,15 @@ import warnings
 
 import numpy as np
 import pandas as pd
-from skspatial.objects import Sphere
+from skspatial.objects import Plane, Sphere
 from tqdm import tqdm
 
 import analysis
 from analysis import simulate, tables
+from analysis.scanner import RIEGL_VZ400
 
 ONE, STACK, LARGE = simulate.SPHERE_POINTS, 2_000, 1_000_000
+PATCHES, PATCH_POINTS = 20_000, 100
 LOOP_SECONDS = 1.0  # where the loop over the stack would take longer, it runs over evenly spread clouds only
 PEER = "scikit-spatial"
 
@@ -29,7 +31,11 @@ LIMITS = pd.DataFrame(
         (f"stack of {STACK} x {ONE}", "loop : stack", "at least", 5.0, None),
         (f"stack of {STACK} x {ONE}", "largest difference", "at most", 1e-9, None),
         (f"{LARGE} points", "s a fit", "at most", 1.0, ("ls", "mixed_ls_tls")),
-        (f"{LARGE} points", "peak : points", "at most", 4.0, ("ls", "mixed_ls_tls")),
+        (f"{LARGE} points", "peak : input", "at most", 4.0, ("ls", "mixed_ls_tls")),
+        (f"plane, {LARGE} points", "s a fit", "at most", 0.2, ("geometric",)),
+        (f"plane, {LARGE} points", "s a fit", "at most", 3.0, ("eiv, full cofactors",)),
+        (f"plane, {LARGE} points", "peak : input", "at most", 3.0, ("eiv, full cofactors",)),
+        (f"{PATCHES} planes x {PATCH_POINTS}", "s a fit", "at most", 2.0, ("geometric",)),
     ],
     columns=["run", "quantity", "rule", "limit", "methods"],
 )
@@ -87,13 +93,41 @@ def stacked(stack, methods, one_ms):
     return pd.DataFrame(rows, columns=["method", "in the loop", "stack, ms", "loop, ms", "loop : stack", "largest difference"])
 
 
-def large(points, methods, repeats=2):
-    """One large cloud (n, 3), and the same by scikit-spatial: s a fit, peak memory over that of the points, and how many times as fast."""
-    calls = {PEER: lambda: Sphere.best_fit(points)} | fits(points, methods)
+def large(calls, sizes, repeats=2):
+    """Named calls on one large input, the peer's first: s a fit, peak memory over the input's size in bytes, and the peer's time over it."""
     best = fastest(calls, repeats)
-    memory = [peak(call) / points.nbytes for call in calls.values()]
+    memory = [peak(call) / sizes[name] for name, call in calls.items()]
     seconds = np.array(list(best.values()))
-    return pd.DataFrame({"method": list(calls), "s a fit": seconds, "peak : points": memory, f"{PEER} : method": best[PEER] / seconds})
+    return pd.DataFrame({"method": list(calls), "s a fit": seconds, "peak : input": memory, f"{PEER} : method": best[PEER] / seconds})
+
+
+def large_sphere(points, methods, repeats=2):
+    """:func:`large` for one large cloud (n, 3) of a sphere."""
+    calls = {PEER: lambda: Sphere.best_fit(points)} | fits(points, methods)
+    return large(calls, dict.fromkeys(calls, points.nbytes), repeats)
+
+
+def plane_cloud(generator, shape):
+    """Points (…, n, 3) of patches of 1 m of a level plane, σ 2 mm, 3 m below the origin."""
+    points = np.concatenate([generator.uniform(-0.5, 0.5, shape + (2,)), np.full(shape + (1,), -3.0)], axis=-1)
+    return points + 0.002 * generator.standard_normal(points.shape)
+
+
+def large_plane(points, cofactors, repeats=2):
+    """:func:`large` for one large cloud (n, 3) of a plane, and for its ``eiv`` fit with cofactors (n, 3, 3)."""
+    calls = {PEER: lambda: Plane.best_fit(points, full_matrices=False)}  # its default would form an n×n matrix
+    calls |= {name: lambda name=name: analysis.fit_plane(points, name) for name in analysis.PLANE_METHODS}
+    sizes = dict.fromkeys(calls, points.nbytes)
+    calls["eiv, full cofactors"] = lambda: analysis.fit_plane(points, "eiv", cofactors=cofactors)
+    sizes["eiv, full cofactors"] = points.nbytes + cofactors.nbytes
+    return large(calls, sizes, repeats)
+
+
+def patches(stack, methods, repeats=2):
+    """:func:`large` for a stack (B, n, 3) of plane patches in one call; the peer takes them one by one."""
+    calls = {PEER: lambda: [Plane.best_fit(points) for points in stack]}
+    calls |= {name: lambda name=name: analysis.fit_plane(stack, name) for name in methods}
+    return large(calls, dict.fromkeys(calls, stack.nbytes), repeats)
 
 
 def with_verdicts(table, limits):
@@ -103,7 +137,7 @@ def with_verdicts(table, limits):
         kept = [
             row[asked.quantity] <= asked.limit if asked.rule == "at most" else row[asked.quantity] >= asked.limit
             for asked in limits.itertuples()
-            if row["method"] in (asked.methods or analysis.SPHERE_METHODS)
+            if (row["method"] in asked.methods if asked.methods else row["method"] != PEER)
         ]
         verdicts.append("" if not kept else "ok" if all(kept) else "short")
     return table.assign(verdict=verdicts)
@@ -128,7 +162,13 @@ def main():
     columns = {"in the loop": 0, "stack, ms": 3, "loop, ms": 3, "loop : stack": 1, "largest difference": ".1e"}
     print(report(f"stack of {STACK} x {ONE}", stacked(stack, methods, one["ms a fit"]), columns))
     points = simulate.sphere_cloud(np.random.default_rng(simulate.SEED), LARGE)
-    print(report(f"{LARGE} points", large(points, methods), 2))
+    print(report(f"{LARGE} points", large_sphere(points, methods), 2))
+
+    generator = np.random.default_rng(simulate.SEED)
+    points = plane_cloud(generator, (LARGE,))
+    cofactors = RIEGL_VZ400.cofactors(points, normals=np.broadcast_to([0.0, 0.0, 1.0], points.shape))
+    print(report(f"plane, {LARGE} points", large_plane(points, cofactors), 2))
+    print(report(f"{PATCHES} planes x {PATCH_POINTS}", patches(plane_cloud(generator, (PATCHES, PATCH_POINTS)), ["ls", "geometric", "robust"], repeats=1), 2))
     return 0
 
 
