@@ -7,7 +7,8 @@
 
 from .algorithms import ALGORITHMS
 from .fit import ConvergenceWarning, Fit
-from .methods import PLANE_METHODS, SPHERE_METHODS, fit_plane, fit_sphere
+from .ellipse import EllipseFit
+from .methods import ELLIPSE_METHODS, PLANE_METHODS, SPHERE_METHODS, fit_ellipse, fit_plane, fit_sphere
 from .plane import PlaneFit
 from .points import read_points
 from .reliability import Reliability, data_snooping, reliability
@@ -16,15 +17,18 @@ from .wtls import Estimate, ls, mixed_ls_tls, tls, wtls
 
 __all__ = [
     "ALGORITHMS",
+    "ELLIPSE_METHODS",
     "PLANE_METHODS",
     "SPHERE_METHODS",
     "ConvergenceWarning",
+    "EllipseFit",
     "Estimate",
     "Fit",
     "PlaneFit",
     "Reliability",
     "SphereFit",
     "data_snooping",
+    "fit_ellipse",
     "fit_plane",
     "fit_sphere",
     "ls",

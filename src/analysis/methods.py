@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from . import igg3, plane, robust, sphere
+from . import ellipse, igg3, plane, robust, sphere
 from .fit import Fit, joined, warn_if_not_converged
 from .validation import BLOCK, covariance_array, finite_array, one_of, pieces, point_array, positive, weight_array
 
@@ -67,6 +67,14 @@ PLANE_METHODS: dict[str, Method] = {
 }
 
 
+ELLIPSE_METHODS: dict[str, Method] = {
+    "direct": Method("direct LS", "Fitzgibbon, Pilu & Fisher 1999; Halir & Flusser 1998", "#0072B2", ellipse.direct),
+    "robust_direct": Method("robust direct LS", "after Xu & Yao 2008", "#009E73", ellipse.robust_direct),
+    "geometric": Method("orthogonal distance", "Gander, Golub & Strebel 1994; Pope 1972", "#999999", robust.geometric, consistent=True),
+    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
+}
+
+
 @dataclass(frozen=True)
 class Geometry:
     """What can be fitted: its name in a message, the points it needs, how a stack of clouds is prepared, and its methods."""
@@ -79,6 +87,7 @@ class Geometry:
 
 
 SPHERE = Geometry("a sphere", 3, 4, sphere.reduce, SPHERE_METHODS)
+ELLIPSE = Geometry("an ellipse", 2, 5, ellipse.reduce, ELLIPSE_METHODS)
 PLANE = Geometry("a plane", 3, 3, plane.reduce, PLANE_METHODS)
 
 
@@ -165,6 +174,33 @@ def fit_plane(
         raise ValueError(f"station: expected shape (3,), got {station.shape}")
     geometry = replace(PLANE, reduce=partial(plane.reduce, station=station))
     return _fitted(geometry, points, method, cofactors, weights, absolute, seed, {}, method_options)
+
+
+def fit_ellipse(
+    points, method: str = "robust", *, cofactors=None, weights=None, absolute: bool = False, seed: int = 0, **method_options
+) -> ellipse.EllipseFit:
+    """Fit an ellipse to each plane cloud of a stack.
+
+    Parameters
+    ----------
+    points : (n, 2) or (…, n, 2) coordinates in m, n ≥ 5. Not changed.
+    method : a name from ``ELLIPSE_METHODS``.
+    cofactors : (n,) or (…, n) variances of the points, or, for ``geometric`` and ``robust``, (n, 2, 2) or (…, n, 2, 2) covariances.
+    weights, absolute, seed, method_options : as for :func:`fit_sphere`.
+
+    Returns
+    -------
+    EllipseFit, its fields with the leading axes of ``points``: ``center`` (…, 2) and ``semi_axes`` (…, 2) in m, the major one first,
+    ``angle`` (…) of the major axis in [0, π) rad, ``covariance`` (…, 5, 5) of (u0, v0, a, b, φ), and the rest as for a sphere.
+
+    Raises ``ValueError`` as :func:`fit_sphere`; points on a line, or on more than one conic, determine no ellipse.
+
+    >>> t = np.arange(12) * np.pi / 6
+    >>> fit = fit_ellipse(np.column_stack([1 + 3 * np.cos(t), 2 + 2 * np.sin(t)]))
+    >>> fit.center.round(9), fit.semi_axes.round(9)
+    (array([1., 2.]), array([3., 2.]))
+    """
+    return _fitted(ELLIPSE, points, method, cofactors, weights, absolute, seed, {}, method_options)
 
 
 def _fitted(geometry: Geometry, points, method, cofactors, weights, absolute, seed, held: dict[str, float], options: dict) -> Fit:
