@@ -12,14 +12,17 @@ from analysis.project import scans
 
 
 def pytest_configure(config):
-    # Set here and not in a fixture: the kernels of the notebooks inherit it, and nbval's items have no fixtures.
-    os.environ[OUTPUT_VARIABLE] = tempfile.mkdtemp(prefix="analysis-")
+    # Set here and not in a fixture: the kernels of the notebooks inherit it, and so do pytest's own workers.
+    config.own_output = None if OUTPUT_VARIABLE in os.environ else tempfile.mkdtemp(prefix="analysis-")
+    if config.own_output:
+        os.environ[OUTPUT_VARIABLE] = config.own_output
     if not config.option.nbval:
         os.environ["MPLBACKEND"] = "Agg"  # in a notebook this would remove its figures
 
 
 def pytest_unconfigure(config):
-    shutil.rmtree(os.environ.pop(OUTPUT_VARIABLE), ignore_errors=True)
+    if config.own_output:
+        shutil.rmtree(os.environ.pop(OUTPUT_VARIABLE), ignore_errors=True)
 
 
 def pytest_collection_modifyitems(items):

@@ -1,7 +1,7 @@
 """
 The tables that the notebooks wrote in this test run, against the committed ones.
 
-`make test` runs the notebooks and this file in one go; exports then lie below $ANALYSIS_OUTPUT (tests/conftest.py). Numbers are compared
+`make test` runs the notebooks and then this file, with one folder for both in $ANALYSIS_OUTPUT (tests/conftest.py). Numbers are compared
 by tolerance, because BLAS kernels differ between processors in the last bits of every sum, and iterations that stop at a threshold
 enlarge that.
 """
@@ -24,7 +24,7 @@ COMMITTED = sorted(path.relative_to(paths.ROOT) for folder in (paths.RESULTS, pa
 @pytest.fixture
 def output(request):
     """Where the notebooks of this run wrote."""
-    if not request.config.option.nbval:
+    if request.config.own_output:
         pytest.skip("no notebook was run, so there are no tables to compare: `make test` does both")
     return Path(os.environ[paths.OUTPUT_VARIABLE])
 

@@ -12,6 +12,7 @@ from .methods import ELLIPSE_METHODS, PLANE_METHODS, SPHERE_METHODS, fit_ellipse
 from .plane import PlaneFit
 from .points import read_points
 from .reliability import Reliability, data_snooping, reliability
+from .similarity import Similarity, fit_similarity
 from .sphere import SphereFit
 from .wtls import Estimate, ls, mixed_ls_tls, tls, wtls
 
@@ -26,10 +27,12 @@ __all__ = [
     "Fit",
     "PlaneFit",
     "Reliability",
+    "Similarity",
     "SphereFit",
     "data_snooping",
     "fit_ellipse",
     "fit_plane",
+    "fit_similarity",
     "fit_sphere",
     "ls",
     "mixed_ls_tls",
