@@ -14,7 +14,7 @@ from analysis import conic
 from analysis.accuracy import propagate
 from analysis.ellipse import EllipseModel, _eccentric
 from analysis.fit import ConvergenceWarning
-from analysis.robust import Points
+from analysis.cloud import Points
 
 every_method = pytest.mark.parametrize("method", analysis.ELLIPSE_METHODS)
 CONSISTENT = ("geometric", "robust")

@@ -13,8 +13,8 @@ from analysis import paths, simulate
 from analysis.fit import ConvergenceWarning
 from analysis.project import scans
 from analysis.real_spheres import NOMINAL_RADIUS, REFERENCE_CENTERS
-from analysis.robust import least_trimmed_squares
 from analysis.sphere import SphereModel, reduce
+from analysis.trimmed import least_trimmed_squares
 from analysis.weights import IGG3
 
 TRUTH = np.array([*simulate.SPHERE_CENTER, simulate.SPHERE_RADIUS])

@@ -6,9 +6,19 @@
 """
 
 from .algorithms import ALGORITHMS
-from .fit import ConvergenceWarning, Fit
+from .cylinder import CylinderFit
 from .ellipse import EllipseFit
-from .methods import ELLIPSE_METHODS, PLANE_METHODS, SPHERE_METHODS, fit_ellipse, fit_plane, fit_sphere
+from .fit import ConvergenceWarning, Fit
+from .methods import (
+    CYLINDER_METHODS,
+    ELLIPSE_METHODS,
+    PLANE_METHODS,
+    SPHERE_METHODS,
+    fit_ellipse,
+    fit_elliptic_cylinder,
+    fit_plane,
+    fit_sphere,
+)
 from .plane import PlaneFit
 from .points import read_points
 from .reliability import Reliability, data_snooping, reliability
@@ -18,10 +28,12 @@ from .wtls import Estimate, ls, mixed_ls_tls, tls, wtls
 
 __all__ = [
     "ALGORITHMS",
+    "CYLINDER_METHODS",
     "ELLIPSE_METHODS",
     "PLANE_METHODS",
     "SPHERE_METHODS",
     "ConvergenceWarning",
+    "CylinderFit",
     "EllipseFit",
     "Estimate",
     "Fit",
@@ -31,6 +43,7 @@ __all__ = [
     "SphereFit",
     "data_snooping",
     "fit_ellipse",
+    "fit_elliptic_cylinder",
     "fit_plane",
     "fit_similarity",
     "fit_sphere",

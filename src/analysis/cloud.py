@@ -1,13 +1,16 @@
-"""A stack of point clouds as every geometry wants it first: centred, scaled, with the precision of its points."""
+"""What every geometry is given and supplies: a stack of clouds, centred and scaled; a model; the result of its adjustment."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from .validation import BLOCK, pieces
 from .wtls import Ended, triangular_factor
+
+ROUNDING = 1e-14  # distances below this, in the frame's unit, are rounding and no reason to lose weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,8 @@ class Cloud:
     first: int | None
     origin: np.ndarray
     length: np.ndarray
+
+    trimmed_start = None  # (model, D, seed) → x and spread, of a geometry for which samples of points are no start
 
     @property
     def count(self) -> int:
@@ -87,6 +92,63 @@ def frame_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         D = points[:, piece] - origin[:, None, :]
         squares += np.einsum("bni,bni->b", D, D)
     return origin, np.exp2(np.round(0.5 * np.log2(np.maximum(squares / n, np.finfo(float).tiny))))
+
+
+class GeometricModel(Protocol):
+    """What a geometry must supply; x (…, s) numbers that describe a surface, D (…, n, dim) unless something else is said."""
+
+    dimension: int  # of the points
+    degrees: int  # t, the free parameters of a surface
+    sample: int  # points that determine one surface
+    holds: bool  # whether part of x is given and not estimated
+
+    def distances(self, x, D): ...  # of the points (B, n, dim) from K surfaces each, x (B, K, s); (B, K, n)
+
+    def linearised(self, x, D): ...  # distances (…, n) and their Jacobian with respect to the free parameters, (…, t, n)
+
+    def moved(self, x, step): ...  # x (…, s) after a small step (…, t) in the free parameters
+
+    def normals(self, x, D): ...  # their unit gradients with respect to the points, (…, n, dim)
+
+    def adjusted(self, x, points): ...  # the place on the surface nearest to each of the Points in the metric of its Q⁻¹
+
+    def algebraic(self, D, weights): ...  # x (…, s) of a weighted algebraic fit
+
+    def held(self, x): ...  # x with what is held put in
+
+    def through(self, samples): ...  # x (…, s) through `sample` points (…, sample, dim), NaN where there is none
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of a stack in the caller's frame with the principal axes of their cofactors.
+
+    D : (B, n, dim); variances : (B, n) or (B, 1) of isotropic points, or (B, n, dim) along the ``axes``;
+    axes : (B, n, dim, dim), one axis a column, or None for isotropic points
+    """
+
+    D: np.ndarray
+    variances: np.ndarray
+    axes: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, D: np.ndarray, cofactors: np.ndarray) -> Points:
+        """From cofactors (B, n) or (B, 1), or (B, n, dim, dim)."""
+        return cls(D, cofactors) if cofactors.ndim == 2 else cls(D, *np.linalg.eigh(cofactors))
+
+    def along(self, normals: np.ndarray) -> np.ndarray:
+        """Variances ``nᵀQn`` along unit normals (B, n, dim); (B, n) or (B, 1)."""
+        if self.axes is None:
+            return self.variances
+        return np.einsum("bni,bni->bn", self.variances, np.einsum("bnij,bni->bnj", self.axes, normals) ** 2)
+
+    def piece(self, part: slice) -> Points:
+        """Some of the points of every cloud."""
+        variances = self.variances if self.variances.shape[1] == 1 else self.variances[:, part]
+        return Points(self.D[:, part], variances, None if self.axes is None else self.axes[:, part])
+
+    def __getitem__(self, keep) -> Points:
+        return Points(self.D[keep], self.variances[keep], None if self.axes is None else self.axes[keep])
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .accuracy import cofactor_from_normal, propagate, solve, unit_weight_sd
-from .cloud import Cloud, closed_form, frame_of
+from .cloud import ROUNDING, Cloud, Points, closed_form, frame_of
 from .conic import axes_of, conic_of, direct_from_factor, direct_from_points, ellipse_of, rows, through
 from .fit import Fit
-from .robust import ROUNDING, Points
 from .validation import positive, whole_number
 from .weights import IGG3
 from .wtls import Ended, iterate

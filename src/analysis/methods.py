@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from . import ellipse, igg3, plane, robust, sphere
+from . import cylinder, ellipse, igg3, plane, robust, sphere
 from .fit import Fit, joined, warn_if_not_converged
 from .validation import BLOCK, covariance_array, finite_array, one_of, pieces, point_array, positive, weight_array
 
@@ -75,6 +75,12 @@ ELLIPSE_METHODS: dict[str, Method] = {
 }
 
 
+CYLINDER_METHODS: dict[str, Method] = {
+    "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", robust.geometric, consistent=True),
+    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
+}
+
+
 @dataclass(frozen=True)
 class Geometry:
     """What can be fitted: its name in a message, the points it needs, how a stack of clouds is prepared, and its methods."""
@@ -87,6 +93,7 @@ class Geometry:
 
 
 SPHERE = Geometry("a sphere", 3, 4, sphere.reduce, SPHERE_METHODS)
+CYLINDER = Geometry("an elliptic cylinder", 3, 7, cylinder.reduce, CYLINDER_METHODS)
 ELLIPSE = Geometry("an ellipse", 2, 5, ellipse.reduce, ELLIPSE_METHODS)
 PLANE = Geometry("a plane", 3, 3, plane.reduce, PLANE_METHODS)
 
@@ -201,6 +208,45 @@ def fit_ellipse(
     (array([1., 2.]), array([3., 2.]))
     """
     return _fitted(ELLIPSE, points, method, cofactors, weights, absolute, seed, {}, method_options)
+
+
+def fit_elliptic_cylinder(
+    points,
+    method: str = "robust",
+    *,
+    axis=None,
+    cofactors=None,
+    weights=None,
+    absolute: bool = False,
+    seed: int = 0,
+    **method_options,
+) -> cylinder.CylinderFit:
+    """Fit an elliptic cylinder to each cloud of a stack.
+
+    Parameters
+    ----------
+    points : (n, 3) or (…, n, 3) coordinates in m, n ≥ 7. Not changed.
+    method : a name from ``CYLINDER_METHODS``.
+    axis : (3,) approximate direction of the axis, of either sign and any length, or None to look for it. It saves time and is only
+        a start; it should be right to some degrees.
+    cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`.
+
+    Returns
+    -------
+    CylinderFit, its fields with the leading axes of ``points``: ``direction`` (…, 3), ``point`` (…, 3) and ``semi_axes`` (…, 2) in m,
+    ``angle`` (…) in rad, ``covariance`` (…, 9, 9) of all of them, ``regular_covariance`` (…, 7, 7), which holds for a circular
+    cylinder too, and the rest as for a sphere.
+
+    Raises ``ValueError`` as :func:`fit_sphere`; points in a plane determine no elliptic cylinder.
+
+    >>> turn, along = np.meshgrid(np.arange(12.0), [0.0, 1.0, 2.0])
+    >>> points = np.stack([3 * np.cos(turn), along, 2 * np.sin(turn)], axis=-1).reshape(-1, 3)
+    >>> fit = fit_elliptic_cylinder(points, "geometric")
+    >>> fit.direction.round(9) + 0.0, fit.semi_axes.round(9), round(float(fit.angle), 9) % np.pi
+    (array([0., 1., 0.]), array([3., 2.]), 0.0)
+    """
+    geometry = replace(CYLINDER, reduce=partial(cylinder.reduce, axis=axis))
+    return _fitted(geometry, points, method, cofactors, weights, absolute, seed, {}, method_options)
 
 
 def _fitted(geometry: Geometry, points, method, cofactors, weights, absolute, seed, held: dict[str, float], options: dict) -> Fit:

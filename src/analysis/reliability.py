@@ -29,8 +29,9 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from .accuracy import solve
+from .cloud import Points
 from .fit import Fit
-from .robust import Points, linearised
+from .robust import linearised
 from .validation import BLOCK, covariance_array, one_of, pieces, point_array, positive, weight_array
 
 METHODS = ("eiv", "geometric", "robust")  # whose σ0 is that of the distances

@@ -19,84 +19,21 @@ of the result. All arrays are stacks (B, …) in the cloud's frame, which is cen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cache
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
 
 from .accuracy import cofactor_from_normal, solve
-from .cloud import Adjusted
-from .validation import BLOCK, pieces, positive, whole_number
+from .cloud import ROUNDING, Adjusted, GeometricModel, Points
+from .trimmed import least_trimmed_squares
+from .validation import positive, whole_number
 from .weights import IGG3, WeightFunction
 from .wtls import iterate
 
-SAMPLES = 200  # elemental samples: with half of the points bad, about 12 of 200 four-point samples are clean
-CANDIDATES = 8  # samples that are followed by concentration steps
-SUBSET = 1000  # points the start looks at: with 45 % bad ones, chance makes hardly ever half of them bad
 TOLERANCE = 1e-12  # of a step, in the frame's unit
 STALLED = 1e-9  # a step below this that no longer shrinks is rounding
 SETTLED = 1e-10  # relative change of the scale
-ROUNDING = 1e-14  # distances below this, in the frame's unit, are rounding and no reason to lose weight
 SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
-
-
-class GeometricModel(Protocol):
-    """What a geometry must supply; x (…, s) numbers that describe a surface, D (…, n, dim) unless something else is said."""
-
-    dimension: int  # of the points
-    degrees: int  # t, the free parameters of a surface
-    sample: int  # points that determine one surface
-    holds: bool  # whether part of x is given and not estimated
-
-    def distances(self, x, D): ...  # of the points (B, n, dim) from K surfaces each, x (B, K, s); (B, K, n)
-
-    def linearised(self, x, D): ...  # distances (…, n) and their Jacobian with respect to the free parameters, (…, t, n)
-
-    def moved(self, x, step): ...  # x (…, s) after a small step (…, t) in the free parameters
-
-    def normals(self, x, D): ...  # their unit gradients with respect to the points, (…, n, dim)
-
-    def adjusted(self, x, points): ...  # the place on the surface nearest to each of the Points in the metric of its Q⁻¹
-
-    def algebraic(self, D, weights): ...  # x (…, s) of a weighted algebraic fit
-
-    def held(self, x): ...  # x with what is held put in
-
-    def through(self, samples): ...  # x (…, s) through `sample` points (…, sample, dim), NaN where there is none
-
-
-@dataclass(frozen=True)
-class Points:
-    """The points of a stack in the caller's frame with the principal axes of their cofactors.
-
-    D : (B, n, dim); variances : (B, n) or (B, 1) of isotropic points, or (B, n, dim) along the ``axes``;
-    axes : (B, n, dim, dim), one axis a column, or None for isotropic points
-    """
-
-    D: np.ndarray
-    variances: np.ndarray
-    axes: np.ndarray | None = None
-
-    @classmethod
-    def of(cls, D: np.ndarray, cofactors: np.ndarray) -> Points:
-        """From cofactors (B, n) or (B, 1), or (B, n, dim, dim)."""
-        return cls(D, cofactors) if cofactors.ndim == 2 else cls(D, *np.linalg.eigh(cofactors))
-
-    def along(self, normals: np.ndarray) -> np.ndarray:
-        """Variances ``nᵀQn`` along unit normals (B, n, dim); (B, n) or (B, 1)."""
-        if self.axes is None:
-            return self.variances
-        return np.einsum("bni,bni->bn", self.variances, np.einsum("bnij,bni->bnj", self.axes, normals) ** 2)
-
-    def piece(self, part: slice) -> Points:
-        """Some of the points of every cloud."""
-        variances = self.variances if self.variances.shape[1] == 1 else self.variances[:, part]
-        return Points(self.D[:, part], variances, None if self.axes is None else self.axes[:, part])
-
-    def __getitem__(self, keep) -> Points:
-        return Points(self.D[keep], self.variances[keep], None if self.axes is None else self.axes[keep])
 
 
 def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100):
@@ -134,7 +71,7 @@ def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterat
     function = IGG3(positive(k0, "k0"), positive(k1, "k1"), 1)
     whole_number(max_iterations, "max_iterations")
     model, points = cloud.model, Points.of(*cloud.in_frame())
-    x, spread = least_trimmed_squares(model, points.D, seed)
+    x, spread = (cloud.trimmed_start or least_trimmed_squares)(model, points.D, seed)
     sigma = spread / np.sqrt(np.mean(linearised(model, x, points)[2], axis=-1))
     return cloud.fit("robust", _adjust(model, points, x, sigma, function, max_iterations))
 
@@ -208,90 +145,3 @@ def _scale(squares: np.ndarray, weights: np.ndarray, function: WeightFunction | 
     kappa, in_use = (1.0, total) if function is None else (function.consistency_factor, total / function.mean_weight)
     redundancy = np.where(in_use > t, in_use - t, np.nan if function is None else in_use)
     return np.sqrt(np.sum(weights * squares, axis=-1) / (kappa * total) * in_use / redundancy)
-
-
-# --------------------------------------------------------------------------- the start
-
-
-def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Surface with the least sum of the h = (n + t + 1)/2 smallest squared distances, and its consistent scale.
-
-    Elemental samples, the best followed by concentration steps (fit, keep the h closest, fit again). The
-    samples are drawn from the points in an order of their own, so they do not depend on the order given.
-    All points are treated alike: a small cofactor does not make a point a good one.
-    Returns x (B, s) and the spread of the distances (B,) as a standard deviation.
-    """
-    generator = np.random.default_rng(seed)
-    D = _in_canonical_order(D)
-    n = D.shape[1]
-    if n > SUBSET:
-        D = D[:, generator.permutation(n)[:SUBSET]]
-        n = SUBSET
-    h = (n + model.degrees + 1) // 2
-    draws = np.argsort(generator.uniform(size=(SAMPLES, n)), axis=-1)[:, : model.sample]
-    x = model.through(D[:, draws])  # (B, S, s)
-    # A few clouds at a time: the distances from every sample are many, and should not leave the cache.
-    parts = pieces(len(D), max(1, 4 * BLOCK // (SAMPLES * n)))
-    cost = np.concatenate([_trimmed(model, x[part], D[part], h) for part in parts])
-    best = np.argsort(cost, axis=-1)[:, :CANDIDATES]
-    x = np.take_along_axis(x, best[..., None], axis=1)
-    for _ in range(4):
-        x = _concentrated(model, x, D, h)
-    best = np.argmin(_trimmed(model, x, D, h), axis=-1)
-    x = np.take_along_axis(x, best[:, None, None], axis=1)
-    for _ in range(20):
-        x, before = _concentrated(model, x, D, h), x
-        if np.array_equal(x, before):
-            break
-    x = x[:, 0]
-    if model.holds:
-        x = model.held(x)
-        for _ in range(20):
-            x = _concentrated_with_held(model, x, D, h)
-    sigma = np.sqrt(_trimmed(model, x[:, None], D, h)[:, 0] / h / _trimmed_variance(h / n))
-    return x, sigma
-
-
-def _in_canonical_order(D: np.ndarray) -> np.ndarray:
-    """The points of each cloud sorted along a fixed oblique direction."""
-    direction = np.sqrt([2.0, 3.0, 5.0])[: D.shape[-1]]
-    return np.take_along_axis(D, np.argsort(D @ direction, axis=-1)[..., None], axis=-2)
-
-
-def _trimmed(model, x, D, h: int) -> np.ndarray:
-    """Sum of the h smallest squared distances from each of the surfaces x (B, K, s), (B, K); infinite where there is none."""
-    squares = model.distances(x, D)
-    np.square(squares, out=squares)
-    squares[np.isnan(squares)] = np.inf
-    squares.partition(h - 1, axis=-1)
-    return np.sum(squares[..., :h], axis=-1)
-
-
-def _concentrated(model, x, D, h: int) -> np.ndarray:
-    """One concentration step of each x (B, K, s): the fit to its h closest points, which lessens the fit's own trimmed sum."""
-    new = model.algebraic(D[:, None], _closest(model.distances(x, D), h))
-    return np.where(np.isfinite(new).all(axis=-1, keepdims=True), new, x)
-
-
-def _concentrated_with_held(model, x, D, h: int) -> np.ndarray:
-    """The same with held parameters: one Gauss-Newton step of the free ones on the h closest points."""
-    f, J = model.linearised(x, D)
-    weighed = J * _closest(f, h)[:, None, :]
-    new = model.moved(x, -solve(weighed @ J.swapaxes(-1, -2), weighed @ f[..., None])[..., 0])
-    return np.where(np.isfinite(new).all(axis=-1, keepdims=True), new, x)
-
-
-def _closest(distances: np.ndarray, h: int) -> np.ndarray:
-    """1 for the h smallest distances, 0 for the others; all of them where there is no surface."""
-    distances = np.abs(distances)
-    distances[np.isnan(distances)] = np.inf
-    return (distances <= np.partition(distances, h - 1, axis=-1)[..., h - 1 : h]).astype(float)
-
-
-@cache
-def _trimmed_variance(share: float) -> float:
-    """Mean of u² over the ``share`` of a standard normal sample that is closest to 0."""
-    if share >= 1.0:
-        return 1.0
-    limit = norm.ppf(0.5 * (1.0 + share))
-    return 1.0 - 2.0 * limit * norm.pdf(limit) / share

@@ -1,0 +1,131 @@
+"""A smooth surface of radial residuals over a piece of lining, fitted so that what is fixed to the lining does not pull it.
+
+The surface s(α, w) is a tensor product of cubic B-splines, periodic in α. Their knots are half a metre apart: a dent of the lining
+is wider than that and is followed, a cable or a lamp is narrower and is left standing off. What covers the wall over more
+than about 0.3 m in every direction, but stands off by less than the surface's reach, cannot be told from a dent.
+
+The points are summed on a grid of pixels of 5 cm, so that an iteration costs a few sums over the points and one small system;
+its matrix comes from the grid by two products (Eilers, Currie & Durbán 2006). The iteration is reweighted least squares: first with weights
+1/|e|, whose limit is a median surface that a local minority does not move, then from there with IGG III weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+
+from ..weights import IGG3
+
+PIXEL = 0.05  # m
+KNOTS = 0.5  # m, and farther apart where there are fewer than so many points
+POINTS_A_KNOT = 20
+MEDIAN_STEPS, STEPS = 12, 12
+SETTLED = 2e-5  # m
+# What a pixel can say of a smooth surface is limited by the wall's roughness and not by the number of its points.
+POINTS_THAT_COUNT = 20.0
+RIDGE = 0.1  # of one point, towards the cylinder, where there are no points
+ROUGHNESS = 0.001  # m; no lining is smoother, and no scale smaller
+WEIGHTS = IGG3(2.0, 4.0, 1)
+
+
+@dataclass(frozen=True)
+class PixelGrid:
+    """A grid over α ∈ [−π, π) and w ∈ [start, end] with the B-splines at its pixel centres.
+
+    across (Pα, Kα) and along (Pw, Kw) : the basis functions at the pixel centres
+    """
+
+    start: float
+    end: float
+    across: np.ndarray
+    along: np.ndarray
+
+    @classmethod
+    def of(cls, radius: float, start: float, end: float, count: int) -> PixelGrid:
+        """For a piece of tunnel with ``count`` points on it."""
+        circumference, length = 2.0 * np.pi * radius, end - start
+        apart = max(KNOTS, np.sqrt(POINTS_A_KNOT * circumference * length / count))
+        around, along = max(16, round(circumference / PIXEL)), max(4, round(length / PIXEL))
+        across = _periodic_basis((np.arange(around) + 0.5) / around, max(8, round(circumference / apart)))
+        return cls(start, end, across, _open_basis((np.arange(along) + 0.5) / along, max(1, round(length / apart))))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return len(self.across), len(self.along)
+
+    def places(self, angle: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """α and w in pixels, from the edge of the first one."""
+        rows, columns = self.shape
+        return (angle + np.pi) * (rows / (2.0 * np.pi)), (along - self.start) * (columns / (self.end - self.start))
+
+    def pixels(self, angle: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Number of the pixel each point lies in, (n,)."""
+        rows, columns = self.shape
+        i, j = self.places(angle, along)
+        return np.clip(i.astype(np.int64), 0, rows - 1) * columns + np.clip(j.astype(np.int64), 0, columns - 1)
+
+    def interpolated(self, values: np.ndarray, angle: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Bilinear between the values (Pα, Pw) at the pixel centres."""
+        rows, columns = self.shape
+        i, j = self.places(angle, along)
+        i, j = i - 0.5, np.clip(j - 0.5, 0.0, columns - 1.0)
+        row, column = np.floor(i).astype(np.int64), np.minimum(j.astype(np.int64), columns - 2)
+        x, y = i - row, j - column
+        flat, first, second = values.ravel(), row % rows * columns + column, (row + 1) % rows * columns + column
+        below = flat[first] * (1.0 - y) + flat[first + 1] * y
+        return below * (1.0 - x) + (flat[second] * (1.0 - y) + flat[second + 1] * y) * x
+
+    def smoothed(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Values (Pα, Pw) of the spline that fits ``values`` with ``weights`` by least squares, at the pixel centres."""
+        N = _products(self.across).T @ weights @ _products(self.along)
+        k, m = self.across.shape[1], self.along.shape[1]
+        N = N.reshape(k, k, m, m).transpose(0, 2, 1, 3).reshape(k * m, k * m)
+        N[np.diag_indices(k * m)] += RIDGE
+        right = self.across.T @ (weights * values) @ self.along
+        coefficients = cho_solve(cho_factor(N), right.ravel())
+        return self.across @ coefficients.reshape(k, m) @ self.along.T
+
+
+def _products(basis: np.ndarray) -> np.ndarray:
+    """All products of two basis functions, (P, K²)."""
+    return (basis[:, :, None] * basis[:, None, :]).reshape(len(basis), -1)
+
+
+def _open_basis(x: np.ndarray, intervals: int) -> np.ndarray:
+    """Cubic B-splines over ``intervals`` equal parts of [0, 1] at x, (n, intervals + 3)."""
+    knots = np.arange(-3, intervals + 4) / intervals
+    return BSpline.design_matrix(x, knots, 3).toarray()
+
+
+def _periodic_basis(x: np.ndarray, intervals: int) -> np.ndarray:
+    """The same, periodic: (n, intervals)."""
+    basis = _open_basis(x, intervals)
+    basis[:, :3] += basis[:, -3:]
+    return basis[:, :-3]
+
+
+def median_scale(residuals: np.ndarray) -> float:
+    """``1.4826 med|e|``, not below the roughness of a lining."""
+    return max(1.4826 * float(np.median(np.abs(residuals))), ROUGHNESS) if residuals.size else ROUGHNESS
+
+
+def fitted(grid: PixelGrid, pixel: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """The surface at the pixel centres, (Pα, Pw), of residuals d (n,) of points in the given pixels."""
+    count = np.prod(grid.shape)
+    surface = np.zeros(count)
+    for step in range(MEDIAN_STEPS + STEPS):
+        e = d - surface[pixel]
+        scale = median_scale(e)
+        weights = scale / np.maximum(np.abs(e), scale) if step < MEDIAN_STEPS else WEIGHTS.weight(e / scale)
+        total = np.bincount(pixel, weights, count)
+        mean = np.bincount(pixel, weights * d, count) / np.maximum(total, 1e-12)
+        total /= 1.0 + total / POINTS_THAT_COUNT
+        new = grid.smoothed(total.reshape(grid.shape), mean.reshape(grid.shape)).ravel()
+        change = np.abs(new - surface)[total > 0].max(initial=0.0)
+        surface = new
+        if step > MEDIAN_STEPS and change <= SETTLED:
+            break
+    return surface.reshape(grid.shape)
