@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis import SPHERE_METHODS, audit, fit_sphere, montecarlo, published, simulate
+from analysis import SPHERE_METHODS, fit_sphere, montecarlo, published, simulate
+from analysis.audit import rows as audit
 from analysis.montecarlo import printed_quantities, sphere_study, spread
 from analysis.paths import NOTEBOOKS, ROOT
 from analysis.project.readme import comparisons

@@ -3,10 +3,11 @@
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from analysis import published, tables
-from analysis.paths import RESULTS
+from analysis.paths import PUBLISHED, RESULTS
 from analysis.published import INSIDE, OUTSIDE, REPRODUCED, compare, printed_numbers, verdict
 
 
@@ -229,3 +230,44 @@ def test_headline_markdown_is_a_table_for_each_table(comparisons):
     assert len(rows) == 2 * (2 + 18)
     assert len({row.count("|") for row in rows}) == 1
     assert sum("0.0670" in row for row in rows) == 1
+
+
+# ----------------------------------------------------------------- the registry
+
+
+def test_the_registry_holds_every_number_and_statement_once():
+    registry = published.registry()
+    numbers = [number for table in (1, 2, 3) for number in printed_numbers(table)]
+    assert len(numbers) == 78
+    assert [number.id for number in numbers] == list(registry)[:78]
+    assert all(registry[number.id] == number for number in numbers)
+    assert len(registry) == 78 + len(published.statements())
+    assert all(name == entry.id for name, entry in registry.items())
+    assert {name.partition("/")[0] for name in registry} == {"ou_liu_2017", "wu_chen_wang", "li_2015"}
+
+
+def test_every_line_of_the_files_is_a_statement_with_its_digits():
+    lines = {}
+    for path in sorted(PUBLISHED.glob("*statements.csv")):
+        frame = pd.read_csv(path, dtype=str, keep_default_na=False)
+        papers = frame["paper"] if "paper" in frame else [path.stem.removesuffix("_statements")] * len(frame)
+        lines |= {f"{paper}/{key}": text for paper, key, text in zip(papers, frame["id"], frame["value"], strict=True)}
+    assert {name: statement.text for name, statement in published.statements().items()} == lines
+    percentage = published.statements()["ou_liu_2017/rel_radius_II_IGG"]
+    assert (percentage.text, percentage.value, percentage.half_unit, percentage.unit) == ("1.10", 1.1, 0.005, "percent")
+
+
+def test_a_claim_has_words_and_no_value():
+    claim = published.statements()["ou_liu_2017/claim_table2_tls_worst"]
+    assert claim.text == "claim" and "TLS" in claim.quantity
+    with pytest.raises(ValueError):
+        claim.value
+
+
+def test_two_statements_of_one_name_are_refused(monkeypatch, tmp_path):
+    for path in PUBLISHED.glob("*statements.csv"):
+        text = path.read_text(encoding="utf-8")
+        (tmp_path / path.name).write_text(text + text.splitlines()[1] + "\n" if path.stem.startswith("li") else text, encoding="utf-8")
+    monkeypatch.setattr(published.numbers, "PUBLISHED", tmp_path)
+    with pytest.raises(ValueError, match="li_2015/tunnel_length twice"):
+        published.statements()

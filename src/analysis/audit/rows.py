@@ -1,4 +1,4 @@
-"""Do the numbers of a printed row agree with one another? Arguments that need no redraw of the gross errors.
+"""Can the numbers of a printed row be true together? Arguments that need no redraw of the gross errors.
 
 The tables print absolute errors, so a row stands for 16 spheres, one for each choice of the four signs. Each
 leaves residuals at the good points, which lie on the cap whatever the gross errors were. If even the smallest
@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from .igg3 import SCALES
-from .montecarlo import sphere_study
-from .published import METHODS, printed_numbers
-from .simulate import GROSS_POINTS, SPHERE_CENTER, SPHERE_POINTS, SPHERE_RADIUS
-from .sphere import PARAMETERS
+from ..igg3 import SCALES
+from ..montecarlo import sphere_study
+from ..published import METHODS, printed_numbers
+from ..simulate import GROSS_POINTS, SPHERE_CENTER, SPHERE_POINTS, SPHERE_RADIUS
+from ..sphere import PARAMETERS
 
 REDUNDANCY = SPHERE_POINTS - PARAMETERS
 
@@ -107,6 +107,32 @@ def _least(good: NDArray[np.float64], spheres: NDArray[np.float64], weigh: bool)
     return float(least)
 
 
+def moments(clouds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(B, 5, 5) sums of products of v = (|q|² − R², q, 1) over the points of clouds (B, n, 3), q = p − true centre, R the true radius.
+
+    The algebraic residual of any sphere is linear in v, so these sums give Σr and Σr² of every sphere: see `sums`.
+    """
+    q = clouds - SPHERE_CENTER
+    v = np.concatenate([np.sum(q * q, axis=-1, keepdims=True) - SPHERE_RADIUS**2, q, np.ones_like(q[..., :1])], axis=-1)
+    return v.swapaxes(-1, -2) @ v
+
+
+def sums(products: NDArray[np.float64], spheres: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Σr (m²) and Σr² (m⁴), (s, B) each, of spheres (s, 4) at clouds given by their `moments` (B, 5, 5).
+
+        r = |p − k|² − r² = (|q|² − R²) − 2 Δk·q + |Δk|² − (r² − R²)
+
+    >>> total, squares = sums(moments(np.array([[[10.0, 10.0, 3.0], [10.0, 10.0, 4.0]]])), np.array([[10.0, 10.0, 1.0, 2.0]]))
+    >>> total.round(9).tolist(), squares.round(9).tolist()
+    ([[5.0]], [[25.0]])
+    """
+    away = spheres[:, :3] - SPHERE_CENTER
+    constant = np.sum(away**2, axis=1) - (spheres[:, 3] ** 2 - SPHERE_RADIUS**2)
+    v = np.column_stack([np.ones(len(spheres)), -2 * away, constant])
+    linear = np.einsum("si,bij->sbj", v, products)
+    return linear[..., 4], np.einsum("sbj,sj->sb", linear, v)
+
+
 def normal_equation(clouds: NDArray[np.float64], wrong_sign: bool = False, delta_r: float | None = None) -> pd.DataFrame:
     """The LS row of table 2 against the equation Σ r = 0, which LS with a column of ones fulfils exactly.
 
@@ -117,13 +143,11 @@ def normal_equation(clouds: NDArray[np.float64], wrong_sign: bool = False, delta
     Parameters: clouds (B, 500, 3), m; wrong_sign and delta_r as in `printed_spheres`. One row a choice of signs: ``signs``;
     ``sum_good_m2``, Σ_good r, and ``ratio``, of the cloud whose ratio is the smallest (infinite if σ0 leaves nothing).
     """
-    good = good_points(clouds)
     sigma_0 = next(n.value for n in printed_numbers(2) if (n.method, n.quantity) == ("ls", "sigma_0"))
+    totals, squares = sums(moments(good_points(clouds)), printed_spheres(2, "ls", wrong_sign, delta_r))
     rows = []
-    for signs, sphere in zip(product("-+", repeat=4), printed_spheres(2, "ls", wrong_sign, delta_r), strict=True):
-        r = np.sum((good - sphere[:3]) ** 2, axis=-1) - sphere[3] ** 2
-        total = r.sum(axis=1)
-        left = REDUNDANCY * sigma_0**2 - np.sum(r * r, axis=1)
+    for signs, total, square in zip(product("-+", repeat=4), totals, squares, strict=True):
+        left = REDUNDANCY * sigma_0**2 - square
         ratio = np.where(left > 0, total**2 / len(GROSS_POINTS) / np.where(left > 0, left, np.nan), np.inf)
         best = np.argmin(ratio)
         rows.append({"signs": "".join(signs), "sum_good_m2": total[best], "ratio": ratio[best]})
