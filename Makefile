@@ -9,6 +9,9 @@ unexport MPLBACKEND
 export IPYTHONDIR := $(CURDIR)/.venv/ipython
 export MPLCONFIGDIR := $(CURDIR)/.venv/matplotlib
 
+# Tests run in two processes, each file in one of them.
+TOGETHER = -n 2 --dist loadfile
+
 PACKAGES = .venv/packages.stamp
 ENVIRONMENT = .venv/environment.stamp
 
@@ -58,8 +61,9 @@ $(foreach stamp,$(STAMPS),$(eval $(stamp): | $(previous))$(eval previous := $(st
 build/notebooks/04_real_spheres.stamp: $(wildcard data/scans/*.xyz)
 
 test: $(ENVIRONMENT) ## unit tests and doctests; then every notebook run again and compared with its stored output and tables
-	@$(IN_VENV) -m pytest
-	@$(IN_VENV) -m pytest --nbval --nbval-current-env notebooks tests/test_results.py
+	@$(IN_VENV) -m pytest $(TOGETHER)
+	@export ANALYSIS_OUTPUT="$$(mktemp -d)" && trap 'rm -rf "$$ANALYSIS_OUTPUT"' EXIT && \
+	  $(IN_VENV) -m pytest $(TOGETHER) --nbval --nbval-current-env notebooks && $(IN_VENV) -m pytest tests/test_results.py
 
 bench: $(ENVIRONMENT) ## time and memory of every method, beside another library's
 	@$(IN_VENV) -m analysis.project.bench
