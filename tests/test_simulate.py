@@ -1,4 +1,4 @@
-"""The clouds are those of the paper: the sphere, the range, the rounding, the gross errors."""
+"""The clouds are those of the papers: the sphere, the range, the rounding, the gross errors; the plane, the noise, the runs."""
 
 import numpy as np
 import pytest
@@ -119,3 +119,63 @@ def test_the_committed_files_number_the_points_and_mark_the_gross_errors(gross, 
     assert set(frame["gross"]) <= {0, 1}
     inside = heights(frame[["x_m", "y_m", "z_m"]].to_numpy()) < -1.0
     assert (np.flatnonzero(inside) + 1).tolist() == marked
+
+
+# --------------------------------------------------------------------------------------------- the plane
+
+
+@pytest.fixture(scope="module")
+def plane_trials():
+    """Points (400, 100, 3) and cosines (400, 100) at the recovered setting."""
+    return simulate.plane_clouds(simulate.plane_draws(400))
+
+
+def test_the_plane_is_that_of_section_3():
+    assert simulate.PLANE == (1, 3, 1)
+    assert (simulate.PLANE_POINTS, simulate.PLANE_RUNS) == (100, 10)
+    assert simulate.PLANE_SIGMA**2 == pytest.approx(0.0005)
+
+
+def test_without_noise_the_points_are_on_the_plane_and_the_patch():
+    points, _ = simulate.plane_clouds(simulate.plane_draws(50), sigma=1e-12)
+    x, y, z = np.moveaxis(points, -1, 0)
+    np.testing.assert_allclose(z, x + 3 * y + 1, atol=3e-6)
+    assert x.min() >= 0 and x.max() <= simulate.PLANE_SIDE and y.min() >= 0 and y.max() <= simulate.PLANE_SIDE
+    np.testing.assert_allclose([x.mean(), y.mean()], 0.1, atol=0.003)
+
+
+def test_the_noise_is_isotropic_with_variance_over_the_cosine(plane_trials):
+    points, cosines = plane_trials
+    exact, same = simulate.plane_clouds(simulate.plane_draws(400), sigma=1e-12)
+    np.testing.assert_array_equal(cosines, same)  # they are those of the points without noise
+    ranges = np.linalg.norm(exact, axis=-1)
+    np.testing.assert_allclose(cosines, 1 / np.sqrt(11) / ranges, rtol=1e-5)
+    scaled = (points - exact) * np.sqrt(cosines)[..., None] / simulate.PLANE_SIGMA
+    np.testing.assert_allclose(np.cov(scaled.reshape(-1, 3).T), np.eye(3), atol=0.02)
+
+
+def test_layouts_have_the_same_spread_about_their_centres():
+    draws = simulate.plane_draws(200)
+    for name, centre in zip(simulate.PLANE_LAYOUTS, (0.5, 0.0, 0.0, 0.5), strict=True):
+        points, _ = simulate.plane_clouds(draws, side=1.0, sigma=1e-12, layout=name)
+        plan = points[..., :2].reshape(-1, 2)
+        np.testing.assert_allclose(plan.mean(axis=0), centre, atol=0.01)
+        np.testing.assert_allclose(plan.std(axis=0), 12**-0.5, rtol=0.02)
+
+
+def test_plane_trials_stay_when_their_number_grows(plane_trials):
+    few, _ = simulate.plane_clouds(simulate.plane_draws(3))
+    np.testing.assert_array_equal(few, plane_trials[0][:3])
+    other, _ = simulate.plane_clouds(simulate.plane_draws(3, seed=simulate.PLANE_SEED + 1))
+    assert not np.any(other == few)
+
+
+def test_the_committed_runs_are_regenerated(tmp_path, monkeypatch, plane_trials):
+    monkeypatch.setenv("ANALYSIS_OUTPUT", str(tmp_path))
+    written = simulate.write_plane_runs()
+    assert written == output(simulate.PLANE_FILE) and tmp_path in written.parents
+    assert written.read_text() == simulate.PLANE_FILE.read_text()
+    np.testing.assert_array_equal(simulate.read_plane_runs(), plane_trials[0][:10])
+    frame = tables.read(simulate.PLANE_FILE)
+    assert frame["run"].tolist() == np.repeat(np.arange(1, 11), 100).tolist()
+    assert frame["number"].tolist() == list(range(1, 101)) * 10
