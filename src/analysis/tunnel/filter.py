@@ -22,6 +22,7 @@ import numpy as np
 from .. import cylinder
 from ..cylinder import CylinderFit
 from ..fit import joined
+from ..robust import robust
 from ..validation import one_of, pieces, point_array, positive
 from .lining_surface import PixelGrid, fitted, median_scale
 
@@ -237,7 +238,7 @@ def _cylinder(rho, alpha, w, grid: PixelGrid, seed: int) -> CylinderFit:
     chosen = _one_a_pixel(grid.pixels(alpha, w), rho)
     points = _cartesian(rho[chosen], alpha[chosen], w[chosen])
     cloud = cylinder.reduce(points[None], axis=np.array([0.0, 1.0, 0.0]))
-    return joined([cylinder.robust(cloud, seed=seed)], ())
+    return joined([robust(cloud, seed=seed)], ())
 
 
 def _distances(fit: CylinderFit, rho, alpha, w) -> np.ndarray:
