@@ -17,7 +17,7 @@ ENVIRONMENT = .venv/environment.stamp
 
 NOTEBOOKS := $(sort $(basename $(notdir $(wildcard notebooks/*.ipynb))))
 STAMPS := $(NOTEBOOKS:%=build/notebooks/%.stamp)
-SOURCES := $(filter-out src/analysis/project/%,$(wildcard src/analysis/*.py src/analysis/*/*.py)) $(wildcard data/published/*.csv)
+SOURCES := $(filter-out src/analysis/project/%,$(wildcard src/analysis/*.py src/analysis/*/*.py src/analysis/*/*/*.py)) $(wildcard data/published/*.csv)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -45,7 +45,7 @@ $(ENVIRONMENT): $(PACKAGES) pyproject.toml
 
 reproduce: $(ENVIRONMENT) ## run the notebooks whose inputs changed (in a fresh clone: all), then show the headline table
 	@$(IN_VENV) -m analysis.project.scans --needed || echo "Without the scans, notebook 04 keeps its stored output; everything else is run."
-	@$(MAKE) --no-print-directory notebooks
+	@$(MAKE) --no-print-directory -j 2 notebooks
 	@$(IN_VENV) -m analysis.project.readme --show headline
 
 notebooks: $(STAMPS)
@@ -55,8 +55,9 @@ build/notebooks/%.stamp: notebooks/%.ipynb $(SOURCES) $(PACKAGES) | $(ENVIRONMEN
 	@$(IN_VENV) -m analysis.project.notebooks run $*
 	@mkdir -p $(@D) && touch $@
 
-# In order also under make -j: a notebook may read what an earlier one wrote.
-$(foreach stamp,$(STAMPS),$(eval $(stamp): | $(previous))$(eval previous := $(stamp)))
+# The last notebook reads what the others wrote; these do not need one another.
+LAST := $(lastword $(STAMPS))
+$(LAST): $(filter-out $(LAST),$(STAMPS))
 
 build/notebooks/04_real_spheres.stamp: $(wildcard data/scans/*.xyz)
 
