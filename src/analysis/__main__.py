@@ -1,4 +1,5 @@
-"""Command line: ``python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]``, and so for a plane.
+"""Command line: ``python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]``, and so for a plane;
+``python -m analysis tunnel EPOCH1 EPOCH2 [--spacing M] [--thickness M] [--registration M] [--output DIR] [--json]``.
 
 Exit status 0: a result. 1: a result that did not converge. 2: no result, and one line on stderr says why.
 """
@@ -21,6 +22,7 @@ from .methods import PLANE_METHODS, SPHERE_METHODS, Method, fit_plane, fit_spher
 from .plane import PlaneFit
 from .points import read_points
 from .sphere import SphereFit
+from .tunnel import command as tunnel
 
 
 @dataclass(frozen=True)
@@ -65,14 +67,22 @@ SURFACES = {
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     options = _parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except (OSError, ValueError, ImportError) as error:
+        print(f"analysis: {_one_line(error)}", file=sys.stderr)
+        return 2
+
+
+def _fit(options: argparse.Namespace) -> int:
     surface = SURFACES[options.surface]
+    held = {name: getattr(options, name) for name in surface.held}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # the report says it
-            fit = surface.fit(read_points(options.file), options.method, **{name: getattr(options, name) for name in surface.held})
-    except (OSError, ValueError, ImportError) as error:
-        print(f"analysis: {_one_line(error, options.file)}", file=sys.stderr)
-        return 2
+            fit = surface.fit(read_points(options.file), options.method, **held)
+    except ValueError as error:
+        raise ValueError(_after(options.file, str(error))) from error
     if options.json:
         print(json.dumps(record(fit, surface, options.file), allow_nan=False))
     else:
@@ -123,7 +133,8 @@ def record(fit: Fit, surface: Surface, file: str) -> dict:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m analysis", description="Fit surfaces to the points of a laser scan.")
+    described = "Fit surfaces to the points of laser scans, and compare two scans of a tunnel."
+    parser = argparse.ArgumentParser(prog="python -m analysis", description=described)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     fit = commands.add_parser("fit", help="fit a surface to a scan", description="Fit a surface to the points of a scan.")
     surfaces = fit.add_subparsers(dest="surface", required=True, metavar="SURFACE")
@@ -147,6 +158,8 @@ def _parser() -> argparse.ArgumentParser:
         for held in surface.held:
             command.add_argument(f"--{held}", type=float, metavar="R", help=f"a known {held} in m, to be held (default: estimate it)")
         command.add_argument("--json", action="store_true", help="print one JSON object for a program to read: lengths in m, unrounded")
+        command.set_defaults(run=_fit)
+    tunnel.add_to(commands)
     return parser
 
 
@@ -162,9 +175,14 @@ def _plain(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _one_line(error: Exception, file: str) -> str:
-    """What went wrong, after the name of the file."""
-    message = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
+def _one_line(error: Exception) -> str:
+    """What went wrong, after the name of the file where the system knows it."""
+    if isinstance(error, OSError) and error.strerror:
+        return _after(str(error.filename), error.strerror) if error.filename else error.strerror
+    return " ".join(str(error).split())
+
+
+def _after(file: str, message: str) -> str:
     return message if message.startswith(file) else f"{file}: {message}"
 
 
