@@ -6,8 +6,8 @@ from scipy.optimize import least_squares
 
 import analysis
 from analysis import cylinder
-from analysis.cylinder import CylinderModel, section_axes
 from analysis.cloud import Points
+from analysis.cylinder import CylinderModel, section_axes
 
 METHODS = ("geometric", "robust")
 every_method = pytest.mark.parametrize("method", METHODS)

@@ -12,9 +12,9 @@ from scipy.stats import f as fisher
 import analysis
 from analysis import conic
 from analysis.accuracy import propagate
+from analysis.cloud import Points
 from analysis.ellipse import EllipseModel, _eccentric
 from analysis.fit import ConvergenceWarning
-from analysis.cloud import Points
 
 every_method = pytest.mark.parametrize("method", analysis.ELLIPSE_METHODS)
 CONSISTENT = ("geometric", "robust")

@@ -10,7 +10,13 @@ from analysis.plane import incidence_cosines, tangents
 
 FREE = ("mixed_ls_tls", "eiv", "geometric", "robust")  # of any orientation
 TIED = ("ls", "tls", "wtls", "igg3_wtls")  # to z = a x + b y + c
-NORMALS = {"slope": (-1.0, -3.0, 1.0), "level": (0.0, 0.0, 1.0), "wall": (3.0, -4.0, 0.0), "wall in x": (1.0, 0.0, 0.0), "down": (0.2, 0.1, -0.9)}
+NORMALS = {
+    "slope": (-1.0, -3.0, 1.0),
+    "level": (0.0, 0.0, 1.0),
+    "wall": (3.0, -4.0, 0.0),
+    "wall in x": (1.0, 0.0, 0.0),
+    "down": (0.2, 0.1, -0.9),
+}
 
 
 def unit(vector):
@@ -70,7 +76,8 @@ def test_steep_but_not_vertical_is_taken(method):
 
 
 @pytest.mark.parametrize(
-    "method, given", [(method, given) for method in FREE for given in ("equal", "variances", "full") if (method, given) != ("mixed_ls_tls", "full")]
+    "method, given",
+    [(method, given) for method in FREE for given in ("equal", "variances", "full") if (method, given) != ("mixed_ls_tls", "full")],
 )
 def test_rotation_translation_and_scale(method, given):
     points = patch((1, 2, 3), noise=0.003)
@@ -299,7 +306,9 @@ def test_igg3_wtls_rejects_a_gross_error_and_says_so_with_a_zero():
 def test_no_gross_errors_no_difference(method):
     points = patch((1, 2, 3), n=500, noise=0.002)
     reference = analysis.fit_plane(points, "mixed_ls_tls")
-    assert np.linalg.norm(analysis.fit_plane(points, method).normal - reference.normal) < 0.5 * np.sqrt(np.trace(reference.normal_covariance[:3, :3]))
+    assert np.linalg.norm(analysis.fit_plane(points, method).normal - reference.normal) < 0.5 * np.sqrt(
+        np.trace(reference.normal_covariance[:3, :3])
+    )
 
 
 def test_robust_repeats_itself():

@@ -299,6 +299,16 @@ def test_readme_is_up_to_date():
     assert readme.main(["--check"]) == 0
 
 
+def test_the_counts_of_the_headline_are_those_of_the_audit():
+    headline = readme.PATTERN.search(readme.README.read_text(encoding="utf-8"))
+    assert headline["name"] == "headline"
+    audited = readme.audited()
+    for text in (headline[0], " ".join(readme.TERMINAL["headline"]().split())):
+        assert f"{len(audited)} printed numbers and claims: " in text
+        for verdict, count in audited["verdict"].value_counts().items():
+            assert f"{count} {verdict}" in text
+
+
 # --- site -------------------------------------------------------------------------------------------------------------------------------
 
 

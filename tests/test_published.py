@@ -19,9 +19,7 @@ def printed(text, decimals):
 def find(table, method, quantity, sample=""):
     """The one printed number of that place."""
     (number,) = (
-        number
-        for number in printed_numbers(table)
-        if (number.method, number.quantity, number.sample) == (method, quantity, sample)
+        number for number in printed_numbers(table) if (number.method, number.quantity, number.sample) == (method, quantity, sample)
     )
     return number
 
@@ -37,9 +35,7 @@ def test_every_number_of_a_table_is_there_once(table, count):
 def test_the_quantities_of_the_simulations():
     for table in (1, 2):
         assert {(number.method, number.quantity) for number in printed_numbers(table)} == {
-            (method, quantity)
-            for method in ("ls", "tls", "igg3_wtls")
-            for quantity in published.SYMBOLS
+            (method, quantity) for method in ("ls", "tls", "igg3_wtls") for quantity in published.SYMBOLS
         }
 
 
@@ -64,11 +60,7 @@ def test_numbers_are_known_to_their_last_printed_digit(place, text, value, decim
 
 
 def test_sigma_0_of_ls_and_tls_is_an_area():
-    units = {
-        (number.method, number.quantity): number.unit
-        for table in (1, 2, 3)
-        for number in printed_numbers(table)
-    }
+    units = {(number.method, number.quantity): number.unit for table in (1, 2, 3) for number in printed_numbers(table)}
     areas = {place for place, unit in units.items() if unit == "m²"}
     assert areas == {("ls", "sigma_0"), ("tls", "sigma_0")}
     assert set(units.values()) == {"m", "m²"}
@@ -190,9 +182,7 @@ def test_comparison_table_has_a_row_a_printed_number(comparisons):
         assert frame["method"].tolist() == [number.method for number in numbers]
         np.testing.assert_array_equal(frame["ours"], frame["printed"])
     wrong = comparisons[0].query("verdict != @published.REPRODUCED")
-    assert wrong[["method", "quantity", "verdict"]].values.tolist() == [
-        ["igg3_wtls", "sigma_0", OUTSIDE]
-    ]
+    assert wrong[["method", "quantity", "verdict"]].values.tolist() == [["igg3_wtls", "sigma_0", OUTSIDE]]
     assert comparisons[1]["no_sphere"].sum() == 7
 
 
@@ -217,10 +207,7 @@ def test_headline_shows_every_number_as_printed(comparisons):
 
 def test_headline_is_the_same_from_the_files(comparisons, tmp_path, monkeypatch):
     monkeypatch.setenv("ANALYSIS_OUTPUT", str(tmp_path))
-    again = [
-        tables.read(tables.write(frame, RESULTS / f"comparison_{i}.csv"))
-        for i, frame in enumerate(comparisons)
-    ]
+    again = [tables.read(tables.write(frame, RESULTS / f"comparison_{i}.csv")) for i, frame in enumerate(comparisons)]
     assert published.headline(again) == published.headline(comparisons)
 
 
@@ -271,3 +258,7 @@ def test_two_statements_of_one_name_are_refused(monkeypatch, tmp_path):
     monkeypatch.setattr(published.numbers, "PUBLISHED", tmp_path)
     with pytest.raises(ValueError, match="li_2015/tunnel_length twice"):
         published.statements()
+
+
+def test_no_number_is_left_unexplained():
+    assert all(":" in cause and "unexplained" not in cause for cause in published.CAUSES.values())

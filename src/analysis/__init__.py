@@ -1,8 +1,8 @@
 """Surfaces fitted to laser-scan points: the papers' methods as printed, and beside them what is right.
 
-    >>> import analysis
-    >>> sorted(analysis.SPHERE_METHODS)
-    ['eiv', 'geometric', 'igg3_wtls', 'ls', 'mixed_ls_tls', 'robust', 'tls', 'wtls']
+>>> import analysis
+>>> sorted(analysis.SPHERE_METHODS)
+['eiv', 'geometric', 'igg3_wtls', 'ls', 'mixed_ls_tls', 'robust', 'tls', 'wtls']
 """
 
 from .algorithms import ALGORITHMS

@@ -111,5 +111,3 @@ def warn_if_not_converged(fit: Fit) -> None:
         reason = np.atleast_1d(fit.stop_reason).ravel()[failed][0]
         count = "" if failed.size == 1 else f"{failed.sum()} of {failed.size} fits: "
         warnings.warn(f"{fit.method}: {count}{reason}", ConvergenceWarning, stacklevel=4)
-
-

@@ -60,7 +60,9 @@ PLANE_METHODS: dict[str, Method] = {
     "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + WU_CHEN_WANG, "#D55E00", plane.tls),
     "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", plane.mixed_ls_tls),
     "wtls": Method("WTLS", "Malengo & Pennecchi 2013; " + WU_CHEN_WANG, "#E69F00", plane.wtls),
-    "igg3_wtls": Method("IGG III-WTLS", "the scheme of Ou & Liu 2017 with the weights of " + WU_CHEN_WANG, "#009E73", igg3.igg3_wtls, LONG_BLOCK),
+    "igg3_wtls": Method(
+        "IGG III-WTLS", "the scheme of Ou & Liu 2017 with the weights of " + WU_CHEN_WANG, "#009E73", igg3.igg3_wtls, LONG_BLOCK
+    ),
     "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", plane.eiv, consistent=True),
     "geometric": Method("orthogonal distance", "Pearson 1901; Pope 1972", "#999999", plane.geometric, consistent=True),
     "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),

@@ -389,7 +389,9 @@ def wtls(
         iterations += ended.iterations
     ended = only_minima(problem, x, ended)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
-    return cloud.finished("wtls", x, gauss_newton_cofactor(problem, x), sigma_0, Ended((x,), iterations, ended.converged, ended.stop_reason))
+    return cloud.finished(
+        "wtls", x, gauss_newton_cofactor(problem, x), sigma_0, Ended((x,), iterations, ended.converged, ended.stop_reason)
+    )
 
 
 def eiv(cloud: PlaneCloud, *, max_iterations: int = 100) -> PlaneFit:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.stats import chi2
 
-from .plane_study import FIVE, five, fitted, not_upright, printed
-from .simulate import PLANE_LAYOUTS, PLANE_RUNS, PLANE_SEED, plane_clouds, plane_draws
+from .plane_study import FIVE, fitted, five, not_upright, printed
+from .simulate import PLANE_RUNS, PLANE_SEED, plane_clouds, plane_draws
 
 EXPERIMENTS = 1000  # made of a node's runs by drawing ten at a time
 LIMIT = float(chi2.ppf(0.95, len(FIVE)))

@@ -60,9 +60,7 @@ PLANE_LAYOUTS: dict[str, Callable[[NDArray], NDArray]] = {
 }
 
 
-def sphere_cloud(
-    generator: np.random.Generator, n: int = SPHERE_POINTS, decimals: int = SPHERE_DECIMALS
-) -> NDArray[np.float64]:
+def sphere_cloud(generator: np.random.Generator, n: int = SPHERE_POINTS, decimals: int = SPHERE_DECIMALS) -> NDArray[np.float64]:
     """Draw a cloud on the upper cap of the sphere of eq. (19).
 
         x, y ~ U(0, 20) m,   z = 1 + √(200 - (x - 10)² - (y - 10)²) m,   rounded to `decimals`
@@ -131,9 +129,7 @@ def with_gross_errors(
     return _moved_inside(points, _draw_depths(generator, len(numbers)), numbers, decimals)
 
 
-def sphere_redraws(
-    n_trials: int, seed: int = SEED, gross: bool = False
-) -> NDArray[np.float64]:
+def sphere_redraws(n_trials: int, seed: int = SEED, gross: bool = False) -> NDArray[np.float64]:
     """Repeat the simulation: a stack of independent clouds, 12 kB each.
 
     Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the

@@ -34,7 +34,6 @@ from .wtls import (
     schaffrin_wieser_step,
     smallest_singular_solution,
     solved,
-    triangular_factor,
 )
 
 PARAMETERS = 4

@@ -37,7 +37,7 @@ from __future__ import annotations
 import numpy as np
 
 from .accuracy import solve
-from .eiv import CommonCofactors, EIVProblem
+from .eiv import EIVProblem
 
 HALVINGS = 20  # of a Gauss-Newton step that climbs; it leads downhill, so that a few are enough
 

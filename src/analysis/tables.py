@@ -20,9 +20,7 @@ Precision = int | str
 MISSING = "–"
 
 
-def write(
-    frame: pd.DataFrame, path: str | os.PathLike[str], *, float_format: str = "%.9g"
-) -> Path:
+def write(frame: pd.DataFrame, path: str | os.PathLike[str], *, float_format: str = "%.9g") -> Path:
     """Write `frame` as CSV to `paths.output(path)` in one step and return the file written.
 
     UTF-8, lines end with ``\\n``, the index is left out, floats have at most nine significant
@@ -45,9 +43,7 @@ def write(
     """
     # pandas applies float_format to columns of floats only, not to floats among objects.
     mixed = {
-        name: frame[name].map(
-            lambda cell: float_format % cell if isinstance(cell, float) and cell == cell else cell
-        )
+        name: frame[name].map(lambda cell: float_format % cell if isinstance(cell, float) and cell == cell else cell)
         for name in frame
         if frame[name].dtype == object
     }
@@ -122,18 +118,13 @@ def markdown(frame: pd.DataFrame, decimals: Precision | Mapping[str, Precision])
     | --- | ---: |
     | LS | 0.0670 |
     """
-    columns = [
-        [name, "---:" if _are_numbers(cells) else "---", *cells]
-        for name, cells in _columns(frame, decimals)
-    ]
+    columns = [[name, "---:" if _are_numbers(cells) else "---", *cells] for name, cells in _columns(frame, decimals)]
     # A bar inside a cell, as in |Δa|, would end the cell.
     escaped = [[cell.replace("|", r"\|") for cell in column] for column in columns]
     return "\n".join(f"| {' | '.join(row)} |" for row in zip(*escaped, strict=True))
 
 
-def _columns(
-    frame: pd.DataFrame, decimals: Precision | Mapping[str, Precision]
-) -> list[tuple[str, list[str]]]:
+def _columns(frame: pd.DataFrame, decimals: Precision | Mapping[str, Precision]) -> list[tuple[str, list[str]]]:
     """Return name and cells, as text, of every column."""
     columns = []
     for name in frame:

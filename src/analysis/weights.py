@@ -101,8 +101,7 @@ class WeightFunction(ABC):
         """E[f(u)] of an even f by adaptive quadrature from kink to kink, up to 40, where the density is 0."""
         edges = [0.0, *(kink for kink in self.kinks if kink < 40.0), 40.0]
         pieces = [
-            quad(lambda u: f(u) * math.exp(-u * u / 2), *piece, epsabs=1e-13, epsrel=1e-12, limit=200)[0]
-            for piece in pairwise(edges)
+            quad(lambda u: f(u) * math.exp(-u * u / 2), *piece, epsabs=1e-13, epsrel=1e-12, limit=200)[0] for piece in pairwise(edges)
         ]
         return float(math.sqrt(2 / math.pi) * sum(pieces))
 

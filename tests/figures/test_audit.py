@@ -19,8 +19,7 @@ def test_every_number():
     line = data[data["id"] == "ou_liu_2017/table1/ls/sigma_0"].iloc[0]
     assert line["half_widths"] == pytest.approx((0.08004 - line["median"]) / (line["median"] - line["lower"]))
     marks = [mark for ax in pyplot.gcf().axes for mark in ax.lines if mark.get_marker() in {m for _, m, _, _ in figures.MARKS.values()}]
-    in_table = data["place"].str.startswith("table")
-    assert len(marks) == len(data) + (~in_table & data["half_widths"].notna()).sum()  # what has redraws in a text stands twice
+    assert len(marks) == len(data) + len(figures._counts(data))  # each once, and the key
     crosses = [mark for mark in marks if mark.get_marker() == figures.MARKS[judgement.IMPOSSIBLE][1]]
-    assert len(crosses) == (frame["verdict"] == judgement.IMPOSSIBLE).sum()
+    assert len(crosses) == (frame["verdict"] == judgement.IMPOSSIBLE).sum() + 1
     assert np.isfinite([mark.get_xdata()[0] for mark in marks]).all()

@@ -24,7 +24,7 @@ from ..igg3 import SCALES
 from ..montecarlo import sphere_study
 from ..paths import RESULTS
 from ..published import METHODS, printed_numbers
-from ..simulate import SEED, SPHERE_CENTER, SPHERE_DECIMALS, SPHERE_RADIUS, SPHERE_SIDE, sphere_redraws
+from ..simulate import SEED, SPHERE_CENTER, SPHERE_DECIMALS, SPHERE_POINTS, SPHERE_RADIUS, SPHERE_SIDE, sphere_redraws
 from .gross import ANY_SIZE, COMMITTED, SIZES, redraws_of_size
 from .relation import printed, row
 from .rows import radius_with_wrong_sign
@@ -116,7 +116,8 @@ def igg3_readings(
     log10 likelihood of the row of table 1, and ``table 2`` of centre and σ0 of table 2 (Δr contradicts its row whatever the reading, σs
     counts the gross errors), at the P_X that suits each best; ``both`` with one P_X for both tables; ``both, P_X = 1`` and
     ``both, P_X = 1/4``; ``halves``, by how much ``both`` differs between the two halves of the redraws, which says what a difference is
-    worth. Best first.
+    worth. Best first; last, without numbers, the readings that leave less than half of the points of table 1 in use: they run into a few
+    points that hang on the last bits.
     """
     readings = {key: options for key, options in READINGS.items() if key[0] in scales}
     clean = sphere_study(sphere_redraws(trials, seed), TRUTH, readings)
@@ -124,18 +125,25 @@ def igg3_readings(
     for law in laws:
         gross = sphere_study(redraws_of_size(law, trials, seed), TRUTH, readings)
         for key in readings:
+            one = dict(zip(("scale", "power", "cumulative"), key, strict=True)) | {"gross errors": law}
+            rows.append(one)
+            if clean[key]["rejected"].median() > SPHERE_POINTS / 2:
+                continue
             first, second = _over_unit_weights(clean[key], gross[key])
             both = first + second
-            one = dict(zip(("scale", "power", "cumulative"), key, strict=True)) | {"gross errors": law}
             for name, curve in (("table 1", first), ("table 2", second), ("both", both)):
                 best = int(curve[: len(UNIT_WEIGHTS)].argmax())
-                one |= {name: curve[best], f"P_X, {name}": UNIT_WEIGHTS[best]}
-            one |= {"both, P_X = 1": both[-2], "both, P_X = 1/4": both[-1]}
+                one.update({name: curve[best], f"P_X, {name}": UNIT_WEIGHTS[best]})
+            one.update({"both, P_X = 1": both[-2], "both, P_X = 1/4": both[-1]})
             parts = slice(0, trials // 2), slice(trials // 2, None)
             halves = [sum(_over_unit_weights(clean[key][part], gross[key][part])).max() for part in parts]
             one["halves"] = abs(halves[0] - halves[1])
-            rows.append(one)
-    return pd.DataFrame(rows).sort_values("both", ascending=False, kind="stable", ignore_index=True)
+    return best_first(pd.DataFrame(rows))
+
+
+def best_first(readings: pd.DataFrame) -> pd.DataFrame:
+    """Readings ordered by ``both``, to three decimals, so that what is equal stays in its place."""
+    return readings.sort_values("both", key=lambda both: -both.round(3), kind="stable", ignore_index=True)
 
 
 def _over_unit_weights(clean: pd.DataFrame, gross: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -219,7 +227,7 @@ def gross_errors(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFr
     """Which gross errors? log10 likelihoods of the rows of table 2 without Δr; IGG III-WTLS at the best P_X and at P_X = 1/4.
 
     Also ``unseen``, the percentage of redraws in which IGG III-WTLS keeps at least one of the five, and where the printed σ0 (at
-    P_X = 1 and 1/4) and Δa of IGG III-WTLS and Δa of LS lie among the redraws, in percent.
+    P_X = 1 and 1/4) and centre of IGG III-WTLS and Δa of LS lie among the redraws, in percent.
     """
     rows = []
     for law, study in studies.items():
@@ -233,7 +241,8 @@ def gross_errors(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFr
         printed_row = row(printed(), 2, "igg3_wtls")
         one["σ0 below print"] = 100 * (igg["sigma_0"] < printed_row["sigma_0"]).mean()
         one["σ0 below print, P_X = 1/4"] = 100 * (0.5 * igg["sigma_0"] < printed_row["sigma_0"]).mean()
-        one["Δa below print"] = 100 * (igg["delta_a_m"].abs() < printed_row["abs_delta_a_m"]).mean()
+        for name in "abc":
+            one[f"Δ{name} below print"] = 100 * (igg[f"delta_{name}_m"].abs() < printed_row[f"abs_delta_{name}_m"]).mean()
         one["Δa of LS below print"] = 100 * (ls["delta_a_m"].abs() < row(printed(), 2, "ls")["abs_delta_a_m"]).mean()
         rows.append(one)
     return pd.DataFrame(rows)
@@ -333,3 +342,13 @@ def scans() -> pd.DataFrame:
 def _over(value: float, lower: float, upper: float) -> float:
     """1 inside an interval, else the value over the limit it exceeds or falls short of."""
     return value / upper if value > upper else value / lower if value < lower else 1.0
+
+
+def unit_weights_of_scans(found: pd.DataFrame) -> pd.DataFrame:
+    """Between which P_X σ0 of IGG III-WTLS in table 3 lies in the central 95 % of simulated scans, with the exponent of sphere I put right.
+
+    found : frame of `scans`, made with P_X = 1; σ0 is proportional to √P_X.
+    """
+    igg = found[found["relation"].str.startswith("σ0 of IGG")]
+    limits = {f"P_X, {word}": (igg["corrected"] / igg[limit]) ** 2 for word, limit in (("least", "upper"), ("most", "lower"))}
+    return pd.DataFrame({"sphere": igg["sphere"], **limits})

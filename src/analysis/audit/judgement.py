@@ -7,7 +7,7 @@ A printed number's evaluator is a function of the results (`Results`) that retur
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import pandas as pd
@@ -23,10 +23,8 @@ CONSISTENT = "consistent with redraws"
 CAUSE = "differs, cause shown"
 IMPOSSIBLE = "impossible as printed, proof shown"
 NOT_CHECKABLE = "not checkable (data not published)"
-INPUT = "used as input"
-VERDICTS = (REPRODUCED, CONSISTENT, CAUSE, IMPOSSIBLE, NOT_CHECKABLE, INPUT)
+VERDICTS = (REPRODUCED, CONSISTENT, CAUSE, IMPOSSIBLE, NOT_CHECKABLE)
 REASONS = {REPRODUCED: "the median of the redraws rounds to it", CONSISTENT: "within the central 95 % of the redraws"}
-WAITING = "waiting for its notebook"  # no verdict: allowed only as long as that notebook has written nothing
 
 
 @dataclass(frozen=True)
@@ -34,6 +32,7 @@ class Judgement:
     """The verdict on one printed number: why, the notebook that shows it, and the check that proves it if it is impossible.
 
     ``median``, ``lower``, ``upper`` and ``percentile`` are those of the redraws, ``factor`` that of the check; NaN where there are none.
+    ``setting`` : it says how the authors' experiment was made, not what came out, and is taken over into ours.
     """
 
     verdict: str
@@ -45,6 +44,7 @@ class Judgement:
     lower: float = float("nan")
     upper: float = float("nan")
     percentile: float = float("nan")
+    setting: bool = False
 
 
 class Results:
@@ -76,11 +76,6 @@ class Results:
             raise KeyError(f"{stem}: expected one row with {where}, got {len(frame)}")
         return frame[column].item()
 
-    @staticmethod
-    def written(notebook: str) -> bool:
-        """Whether a notebook has written any table, by the beginning of its name: ``06_``."""
-        return any(RESULTS.glob(f"{notebook}*.csv"))
-
     @cached_property
     def violated(self) -> list[tuple[str, Relation]]:
         """The relations that fail on print, each with the name of its check."""
@@ -91,8 +86,13 @@ Evaluator = Callable[[PrintedNumber | Statement, Results], Judgement]
 
 
 def always(verdict: str, why: str, notebook: str) -> Evaluator:
-    """The same judgement whatever the results: for what is an input, or cannot be checked."""
+    """The same judgement whatever the results: for what cannot be checked."""
     return lambda number, results: Judgement(verdict, why, notebook)
+
+
+def setting(notebook: str, why: str = "a setting of the authors', taken over") -> Evaluator:
+    """What cannot be checked because it says how the experiment was made."""
+    return lambda number, results: Judgement(NOT_CHECKABLE, why, notebook, setting=True)
 
 
 def holds_if(predicate: Callable[[Results], bool], why: str, notebook: str, otherwise: str = CAUSE) -> Evaluator:
@@ -105,15 +105,16 @@ def refuted_if(predicate: Callable[[Results], bool], why: str, notebook: str) ->
     return lambda number, results: Judgement(CAUSE if predicate(results) else REPRODUCED, why, notebook)
 
 
-def within(stem: str, why_outside: str, notebook: str, *, scale: float = 1.0, where: Mapping[str, object] | None = None) -> Evaluator:
-    """A number beside an interval that a notebook wrote: columns ``median``, ``lower``, ``upper`` (times ``scale`` in the number's unit).
+def within(stem: str, why_outside: str, notebook: str, where: Mapping[str, object], note: str = "") -> Evaluator:
+    """A number beside an interval that a notebook wrote: ``median``, ``lower``, ``upper`` of the row given by ``where``.
 
-    The rule is that of `published.verdict`; outside the interval the cause is ``why_outside``.
+    The rule is that of `published.verdict`; outside the interval the cause is ``why_outside``. ``note`` : what the reason must add.
     """
 
     def evaluate(number, results: Results) -> Judgement:
-        median, lower, upper = (scale * results.one(stem, name, **(where or {})) for name in ("median", "lower", "upper"))
-        return from_interval(number, median, lower, upper, why_outside, notebook)
+        median, lower, upper = (results.one(stem, name, **where) for name in ("median", "lower", "upper"))
+        judgement = from_interval(number, median, lower, upper, why_outside, notebook)
+        return replace(judgement, why=judgement.why + note)
 
     return evaluate
 
@@ -131,11 +132,6 @@ def from_interval(number, median: float, lower: float, upper: float, why_outside
     if lower <= number.value + number.half_unit and number.value - number.half_unit <= upper:
         return Judgement(CONSISTENT, REASONS[CONSISTENT], notebook, **numbers)
     return Judgement(CAUSE, why_outside, notebook, **numbers)
-
-
-def waiting(notebook: str) -> Evaluator:
-    """A place kept for a notebook that has not written its results."""
-    return lambda number, results: Judgement(WAITING, f"to be judged by what {notebook} writes", notebook)
 
 
 def from_comparison(line, why_outside: str, notebook: str) -> Judgement:

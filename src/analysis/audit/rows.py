@@ -129,8 +129,8 @@ def sums(products: NDArray[np.float64], spheres: NDArray[np.float64]) -> tuple[N
     away = spheres[:, :3] - SPHERE_CENTER
     constant = np.sum(away**2, axis=1) - (spheres[:, 3] ** 2 - SPHERE_RADIUS**2)
     v = np.column_stack([np.ones(len(spheres)), -2 * away, constant])
-    linear = np.einsum("si,bij->sbj", v, products)
-    return linear[..., 4], np.einsum("sbj,sj->sb", linear, v)
+    squares = (v[:, :, None] * v[:, None, :]).reshape(len(v), -1)
+    return v @ products[:, 4].T, squares @ products.reshape(len(products), -1).T
 
 
 def normal_equation(clouds: NDArray[np.float64], wrong_sign: bool = False, delta_r: float | None = None) -> pd.DataFrame:

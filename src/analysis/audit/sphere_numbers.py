@@ -5,88 +5,78 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .. import table3
-from ..published import PrintedNumber, statements
+from ..published import CAUSES, PrintedNumber, statements
 from ..simulate import SPHERE_RADIUS
 from .judgement import (
     IMPOSSIBLE,
-    INPUT,
     NOT_CHECKABLE,
     REPRODUCED,
     Evaluator,
     Judgement,
     Results,
-    always,
     from_comparison,
     holds_if,
     refuted_if,
+    setting,
 )
 from .relation import printed, row
 
 PAPER = "ou_liu_2017/"
 
-# The numbers that a violated check is laid to, where it judges several: those that the redraws do not give either, or that others outvote.
-_TLS_ROW = "the printed sphere leaves a larger σ0 than printed; of its errors Δa and Δr are outside the redraws"
-_EXPONENT = "below r σs of its own row; with ten times the value it fits"
-_IN_USE = "too far below σs of LS for the same points: it counts those in use"
+# The numbers that a violated check is laid to, where it judges several: those that the redraws do not give either, or that others
+# outvote, or that alone could mend it. Why is said by `published.CAUSES` and `table3.CAUSES`.
 TO_BLAME = {
-    "table2/ls/abs_delta_r_m": (
-        "gross residuals",
-        "no five gross errors balance the residuals it leaves; the rest of the row is within reach",
-    ),
-    "table2/tls/abs_delta_a_m": ("least σ0", _TLS_ROW),
-    "table2/tls/abs_delta_r_m": ("least σ0", _TLS_ROW),
-    "table2/igg3_wtls/abs_delta_r_m": (
-        "sphere between points",
-        "the sphere would not lie between its points; δ with the wrong sign, or copied from table 3",
-    ),
-    "table3/I/ls/b_m": ("centres of scans", "half a metre from the centre of TLS, while both fit the same points: 5.8443 misprinted"),
-    "table3/I/ls/sigma_0": ("σ0 of scans", _EXPONENT),
-    "table3/I/tls/sigma_0": ("σ0 of scans", _EXPONENT),
-    "table3/I/igg3_wtls/sigma_s_m": ("σs over all points", _IN_USE),
-    "table3/II/igg3_wtls/sigma_s_m": ("σs over all points", _IN_USE),
+    "table2/ls/abs_delta_r_m": "gross residuals",
+    "table2/tls/abs_delta_a_m": "least σ0",
+    "table2/tls/abs_delta_r_m": "least σ0",
+    "table2/tls/sigma_0": "least σ0",
+    "table2/igg3_wtls/abs_delta_r_m": "sphere between points",
+    "table3/I/ls/b_m": "centres of scans",
+    "table3/I/ls/sigma_0": "σ0 of scans",
+    "table3/I/tls/sigma_0": "σ0 of scans",
+    "table3/I/igg3_wtls/sigma_s_m": "σs over all points",
+    "table3/II/igg3_wtls/sigma_s_m": "σs over all points",
 }
-
-# Why a number of tables 1 and 2 is outside the redraws, where no check proves it impossible.
-_UNSEEN = "gross errors of random size: one below 1.5 σ = 0.3 m keeps its weight and does this"
-CAUSES = {
-    "table1/igg3_wtls/abs_delta_c_m": "chance: smaller than in most redraws; one or two of 36 numbers are to be expected outside",
-    "table1/igg3_wtls/sigma_0": "proportional to √P_X, not printed; P_X of 1/5 to 1/4 gives this and, with a gross error unseen, table 2",
-    "table2/ls/abs_delta_a_m": "hangs on where the gross errors lie, which is not published: five are found that give the row but for Δr",
-    "table2/igg3_wtls/abs_delta_a_m": _UNSEEN,
-    "table2/igg3_wtls/abs_delta_b_m": _UNSEEN,
-    "table2/igg3_wtls/abs_delta_c_m": _UNSEEN,
-    "table2/igg3_wtls/sigma_0": _UNSEEN + ", with a P_X below 1 as in table 1",
-}
+_MENDS = "contradicts its own row: the printed sphere leaves a larger one, and no other number could mend that alone"
 CENTRES = ("a_m", "b_m", "c_m")
 
 
 def of_tables(number: PrintedNumber, results: Results) -> Judgement:
     """The judgement on a number of table 1, 2 or 3: by the redraws, unless a check on print is laid to it."""
-    key = number.id.removeprefix(PAPER)
-    if number.table == 3:
-        judgement = _of_scans(number, results)
-    else:
-        frame = results[f"03_sphere_tables_table{number.table}"]
-        (line,) = frame[(frame["method"] == number.method) & (frame["quantity"] == number.quantity)].itertuples()
-        judgement = from_comparison(line, CAUSES.get(key, ""), "03_sphere_tables")
-    if key in TO_BLAME:
-        check, why = TO_BLAME[key]
-        factors = [relation.factor for name, relation in results.violated if name == check and number.id in relation.numbers]
-        if factors:
-            return replace(judgement, verdict=IMPOSSIBLE, why=why, notebook="10_audit", check=check, factor=max(factors))
+    why = cause(number)
+    judgement = _of_scans(number, results, why) if number.table == 3 else _of_simulation(number, results, why)
+    check = TO_BLAME.get(number.id.removeprefix(PAPER))
+    factors = [relation.factor for name, relation in results.violated if name == check and number.id in relation.numbers]
+    if factors:
+        return replace(judgement, verdict=IMPOSSIBLE, why=why, notebook="10_audit", check=check, factor=max(factors))
     return judgement
 
 
-def _of_scans(number: PrintedNumber, results: Results) -> Judgement:
+def cause(number: PrintedNumber) -> str:
+    """Why a number of tables 1 to 3 is outside the redraws, or impossible; empty where it is neither."""
+    if number.table == 3:
+        return table3.CAUSES.get((number.sample, number.method, number.quantity)) or table3.CAUSES.get((number.method, number.quantity), "")
+    if (number.table, number.method, number.quantity) == (2, "tls", "sigma_0"):
+        return _MENDS  # inside the redraws all the same
+    return CAUSES.get((number.table, number.method, number.quantity), "")
+
+
+def _of_simulation(number: PrintedNumber, results: Results, why: str) -> Judgement:
+    """Tables 1 and 2 by redraws."""
+    frame = results[f"03_sphere_tables_table{number.table}"]
+    (line,) = frame[(frame["method"] == number.method) & (frame["quantity"] == number.quantity)].itertuples()
+    return from_comparison(line, why, "03_sphere_tables")
+
+
+def _of_scans(number: PrintedNumber, results: Results, why: str) -> Judgement:
     """Table 3 by simulated scans, cleaned; the centre of IGG III-WTLS stands for the truth in them."""
     if number.method == table3.CENTRE_IS_ASSUMED and number.quantity in CENTRES:
-        why = "where the target stood is not known; taken as the centre of the simulated scans"
-        return Judgement(NOT_CHECKABLE, why, "04_real_spheres")
+        where = "where the target stood is not known; taken as the centre of the simulated scans"
+        return Judgement(NOT_CHECKABLE, where, "04_real_spheres")
     frame = results["04_real_spheres_table3_cleaned"]
     place = (frame["sample"] == number.sample) & (frame["method"] == number.method) & (frame["quantity"] == number.quantity)
     (line,) = frame[place].itertuples()
-    cause = table3.CAUSES.get((number.sample, number.method, number.quantity)) or table3.CAUSES.get((number.method, number.quantity), "")
-    return from_comparison(line, cause, "04_real_spheres")
+    return from_comparison(line, why, "04_real_spheres")
 
 
 def of_percentage(number, results: Results) -> Judgement:
@@ -161,7 +151,7 @@ def _some_are_unseen(results: Results) -> bool:
     return results.one("10_audit_gross_errors", "unseen", **{"gross errors": "0 to 3.5 m inside"}) > 10
 
 
-_INPUTS = {
+_SETTINGS = {
     "radius_true": "01_simulated_sphere",
     "n_points": "01_simulated_sphere",
     "square": "01_simulated_sphere",
@@ -171,10 +161,10 @@ _INPUTS = {
     "delta0": "02_sphere_methods",
     "radius_nominal": "04_real_spheres",
 }
-_TEXT: dict[str, Evaluator] = {name: always(INPUT, "a setting of the authors', taken over", notebook) for name, notebook in _INPUTS.items()}
+_TEXT: dict[str, Evaluator] = {name: setting(notebook) for name, notebook in _SETTINGS.items()}
 _TEXT |= {
-    "k0_usual": always(INPUT, "the range that k0 = 1.5 is taken from", "02_sphere_methods"),
-    "k1_usual": always(INPUT, "the range that k1 = 2.5 is taken from", "02_sphere_methods"),
+    "k0_usual": setting("02_sphere_methods", "the range that k0 = 1.5 is taken from"),
+    "k1_usual": setting("02_sphere_methods", "the range that k1 = 2.5 is taken from"),
     "b_difference_II": holds_if(
         _b_differs, "table 3 has it; that it is the only difference is true once b of sphere I is put right", "10_audit"
     ),
@@ -182,9 +172,7 @@ _TEXT |= {
         _some_are_unseen, "σ counts the gross errors too, so that one of up to 0.3 m passes for a good point", "10_audit"
     ),
     "claim_digits": holds_if(_digits_explain, "rounding to 0.01 m alone gives σ0 and σs of table 1", "01_simulated_sphere"),
-    "claim_table1_close": holds_if(
-        _all_close, "standard deviations below 2 mm for all of them; LS is the most exact", "03_sphere_tables"
-    ),
+    "claim_table1_close": holds_if(_all_close, "standard deviations below 2 mm for all of them; LS is the most exact", "03_sphere_tables"),
     "claim_table1_sigma_0": refuted_if(
         _sigma_0_is_an_area, "σ0 of LS and TLS is in m², that of IGG III-WTLS in m: no comparison", "01_simulated_sphere"
     ),

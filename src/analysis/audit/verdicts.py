@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import pandas as pd
 
 from .. import tables
 from ..published import METHODS, SYMBOLS, PrintedNumber, registry
 from . import plane_numbers, sphere_numbers, tunnel_numbers
-from .judgement import VERDICTS, WAITING, Evaluator, Results
+from .judgement import VERDICTS, Evaluator, Results
 
 TITLES = {"ou_liu_2017": "Ou & Liu (2017)", "wu_chen_wang": "Wu, Chen & Wang", "li_2015": "Li and others (2015)"}
 LABELS = {name: label for label, name in METHODS.items()}
@@ -22,7 +24,8 @@ def verdicts(results: Results | None = None) -> pd.DataFrame:
     """Every printed number and claim of the three papers with its verdict, one row each, from what the notebooks wrote.
 
     Columns: ``id``, ``paper``, ``place``, ``quantity``, ``unit``, ``printed`` (text); ``median``, ``lower``, ``upper`` and
-    ``percentile`` of the redraws; ``verdict``, ``why``, ``notebook``; ``check`` and ``factor`` of what proves it impossible.
+    ``percentile`` of the redraws; ``verdict``, ``why``, ``notebook``; ``setting``, whether it says how the experiment was made; ``check``
+    and ``factor`` of what proves it impossible.
 
     Raises
     ------
@@ -44,7 +47,7 @@ def verdicts(results: Results | None = None) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-COLUMNS = ("median", "lower", "upper", "percentile", "verdict", "why", "notebook", "check", "factor")
+COLUMNS = ("median", "lower", "upper", "percentile", "verdict", "why", "notebook", "setting", "check", "factor")
 
 
 def _place(number) -> tuple[str, str]:
@@ -57,28 +60,38 @@ def _place(number) -> tuple[str, str]:
 
 
 def counts(frame: pd.DataFrame) -> pd.DataFrame:
-    """How many numbers have which verdict: a row a paper and one for all, a column a verdict; a column for those waiting if there are any.
+    """How many numbers have which verdict: a row a paper and one for all, a column a verdict.
 
-    >>> counts(pd.DataFrame({"paper": ["li_2015"], "verdict": ["used as input"]}))[["paper", "numbers", "used as input"]].tail(2)
-                      paper  numbers  used as input
-    2  Li and others (2015)        1              1
-    3                   all        1              1
+    >>> counts(pd.DataFrame({"paper": ["li_2015"], "verdict": ["reproduced"]}))[["paper", "numbers", "reproduced"]].tail(2)
+                      paper  numbers  reproduced
+    2  Li and others (2015)        1           1
+    3                   all        1           1
     """
-    words = [*VERDICTS, *([WAITING] if (frame["verdict"] == WAITING).any() else [])]
     rows = []
     for paper, title in [*TITLES.items(), ("", "all")]:
         mine = frame[frame["paper"] == paper] if paper else frame
-        rows.append({"paper": title, "numbers": len(mine)} | {word: int((mine["verdict"] == word).sum()) for word in words})
+        rows.append({"paper": title, "numbers": len(mine)} | {word: int((mine["verdict"] == word).sum()) for word in VERDICTS})
     return pd.DataFrame(rows)
 
 
 def headline(frame: pd.DataFrame) -> str:
-    """The verdicts counted in one sentence."""
+    """The verdicts counted in two sentences."""
     last = counts(frame).iloc[-1]
     words = "; ".join(f"{last[word]} {word}" for word in last.index[2:] if last[word])
-    return f"{last['numbers']} printed numbers and claims: {words}."
+    settings = f"{frame['setting'].sum()} of those not checkable are settings of an experiment, taken over into ours."
+    return f"{last['numbers']} printed numbers and claims: {words}. {settings}"
+
+
+def headline_text(frame: pd.DataFrame) -> str:
+    """The counts for the terminal, at most 110 columns wide: two sentences, and a line a verdict with a column a paper."""
+    return f"{textwrap.fill(headline(frame), 110)}\n\n{tables.text(_by_verdict(frame), 0)}"
 
 
 def headline_markdown(frame: pd.DataFrame) -> str:
-    """The counts for the README: a sentence and a table a paper."""
-    return f"{headline(frame)}\n\n{tables.markdown(counts(frame), 0)}"
+    """The counts for the README, as `headline_text`."""
+    return f"{headline(frame)}\n\n{tables.markdown(_by_verdict(frame), 0)}"
+
+
+def _by_verdict(frame: pd.DataFrame) -> pd.DataFrame:
+    """`counts`, turned: narrow enough for a terminal."""
+    return counts(frame).set_index("paper").T.rename_axis("verdict", axis=0).rename_axis(None, axis=1).reset_index()

@@ -52,9 +52,7 @@ def cloud(points: NDArray[np.float64]) -> None:
     for row in gross.itertuples():
         # Beside the mark: towards the middle, and for the first of two neighbours below it.
         place = {12: ((0, -14), "center"), 465: ((-6, -3), "right")}.get(row.number, ((6, -3), "left"))
-        right.annotate(
-            str(row.number), (row.number, row.distance_m), place[0], textcoords="offset points", ha=place[1], **LABEL
-        )
+        right.annotate(str(row.number), (row.number, row.distance_m), place[0], textcoords="offset points", ha=place[1], **LABEL)
     right.set_title("They lie inside the sphere, by metres")
     right.set(xlabel="point number", ylabel="distance from the true sphere / m", xlim=(-15, 515), ylim=(-3.0, 0.4))
     publish(figure, f"{STEM}_cloud", data)

@@ -168,7 +168,13 @@ def main():
     points = plane_cloud(generator, (LARGE,))
     cofactors = RIEGL_VZ400.cofactors(points, normals=np.broadcast_to([0.0, 0.0, 1.0], points.shape))
     print(report(f"plane, {LARGE} points", large_plane(points, cofactors), 2))
-    print(report(f"{PATCHES} planes x {PATCH_POINTS}", patches(plane_cloud(generator, (PATCHES, PATCH_POINTS)), ["ls", "geometric", "robust"], repeats=1), 2))
+    print(
+        report(
+            f"{PATCHES} planes x {PATCH_POINTS}",
+            patches(plane_cloud(generator, (PATCHES, PATCH_POINTS)), ["ls", "geometric", "robust"], repeats=1),
+            2,
+        )
+    )
     return 0
 
 

@@ -12,6 +12,7 @@ import re
 import sys
 
 from analysis import paths, published, real_spheres, tables
+from analysis.audit import verdicts
 
 README = paths.ROOT / "README.md"
 
@@ -21,6 +22,11 @@ def comparisons():
     return [tables.read(paths.RESULTS / f"03_sphere_tables_table{table}.csv") for table in published.TITLES]
 
 
+def audited():
+    """Every printed number with its verdict, as notebook 10 wrote them."""
+    return tables.read(paths.RESULTS / "10_audit_verdicts.csv")
+
+
 def scans():
     """The errors on the real scans by method, as notebook 04 wrote them."""
     results = (tables.read(paths.RESULTS / f"04_real_spheres_{name}.csv") for name in ("whole_scans", "robust", "peers"))
@@ -28,14 +34,14 @@ def scans():
 
 
 SECTIONS = {
-    "headline": lambda: published.headline_markdown(comparisons()),
+    "headline": lambda: f"{verdicts.headline_markdown(audited())}\n\n{published.headline_markdown(comparisons())}",
     "outside": lambda: published.outside_markdown(comparisons()),
     "map": published.map_markdown,
     "scans": scans,
 }
 """Section name -> function without arguments that returns its Markdown."""
 
-TERMINAL = {"headline": lambda: published.headline(comparisons())}
+TERMINAL = {"headline": lambda: f"{verdicts.headline_text(audited())}\n\n\n{published.headline(comparisons())}"}
 """Sections that have a form of their own for the screen; `make reproduce` shows "headline" at the end."""
 
 PATTERN = re.compile(r"(<!-- begin generated: (?P<name>[\w-]+) -->\n).*?(<!-- end generated: (?P=name) -->)", re.DOTALL)

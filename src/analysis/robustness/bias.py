@@ -64,10 +64,7 @@ def _errors(points: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     frames = sphere_study(points, TARGET, VARIANTS)
     frames |= sphere_study(points - centroids[:, None], TARGET, {CENTROID: {"method": "wtls"}})
     frames[CENTROID]["delta_a_m"] += centroids[:, 0]
-    return {
-        variant: np.where(frame[["converged"]], 1e3 * frame[["delta_a_m", "delta_r_m"]], np.nan)
-        for variant, frame in frames.items()
-    }
+    return {variant: np.where(frame[["converged"]], 1e3 * frame[["delta_a_m", "delta_r_m"]], np.nan) for variant, frame in frames.items()}
 
 
 def _summary(pairs: NDArray[np.float64]) -> dict:

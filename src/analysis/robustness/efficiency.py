@@ -21,6 +21,7 @@ from .redraws import failures, stacked
 SIGMA = 0.01 / np.sqrt(12.0)  # m; the noise that rounding to 0.01 m leaves, here normal
 EXACT = 12  # decimals that stand for points without rounding
 
+
 def _igg3(options: Mapping) -> IGG3:
     """The weight function of keyword arguments of `fit_sphere`, the method's own thresholds where none are given."""
     defaults = {"igg3_wtls": igg3.igg3_wtls, "robust": robust.robust}[options["method"]].__kwdefaults__

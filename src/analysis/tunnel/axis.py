@@ -24,7 +24,7 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import median_filter
 
 from ..accuracy import cofactor_from_normal, solve
-from ..validation import BLOCK, pieces, point_array, positive, real_array
+from ..validation import pieces, point_array, positive, real_array
 from ..weights import Bisquare
 
 # A quadratic departs from a circular arc by about L⁴/(1024 R³): 0.5 mm for 60 m of a 300 m radius, but 3.6 mm and 1.2 mrad for 100 m.
@@ -127,7 +127,7 @@ class Axis:
     def frame(self, y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unit vectors right, up and along of the sections at local y (…), each (…, 3).
 
-            up ∝ e_Z − t (tᵀe_Z),   right = t × up
+        up ∝ e_Z − t (tᵀe_Z),   right = t × up
         """
         return tuple(vectors @ self.rotation for vectors in self._local_frame(self.local_curve(y)[1]))
 

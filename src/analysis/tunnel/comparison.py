@@ -342,5 +342,7 @@ def _registrations(registration, count: int) -> np.ndarray:
             raise ValueError(f"registration: expected a standard deviation not below 0, got {array:g}")
         array = array**2 * np.eye(2)
     if array.shape not in ((2, 2), (count, 2, 2)):
-        raise ValueError(f"registration: expected a standard deviation or covariances of shape (2, 2) or ({count}, 2, 2), got {array.shape}")
+        raise ValueError(
+            f"registration: expected a standard deviation or covariances of shape (2, 2) or ({count}, 2, 2), got {array.shape}"
+        )
     return np.broadcast_to(array, (count, 2, 2))

@@ -193,9 +193,7 @@ def survey(tunnel: Tunnel, seed: int = SEED, scanner: Scanner = RIEGL_VZ400) -> 
     measured = control + NET_SD * net.standard_normal(control.shape)
     epochs = []
     for number, generator in zip((1, 2), generators, strict=True):
-        setups = tuple(
-            _setup(tunnel, number, chainage, names, control, measured, scanner, generator) for chainage in STATIONS[number - 1]
-        )
+        setups = tuple(_setup(tunnel, number, chainage, names, control, measured, scanner, generator) for chainage in STATIONS[number - 1])
         epochs.append(Epoch(number, setups, _stickers(tunnel, number, setups, scanner, generator)))
     return tuple(epochs)
 
@@ -263,11 +261,7 @@ def _pose(tunnel: Tunnel, chainage: float, generator: np.random.Generator) -> Po
 
 def _control_points(tunnel: Tunnel) -> tuple[tuple[str, ...], np.ndarray]:
     chainages = np.arange(0.5 * CONTROL_SPACING, tunnel.alignment.length, CONTROL_SPACING)
-    points = [
-        tunnel.alignment.points(chainage, *place)
-        for number, chainage in enumerate(chainages)
-        for place in CONTROL_PAIRS[number % 2]
-    ]
+    points = [tunnel.alignment.points(chainage, *place) for number, chainage in enumerate(chainages) for place in CONTROL_PAIRS[number % 2]]
     return tuple(f"T{number:02d}" for number in range(1, len(points) + 1)), np.array(points)
 
 

@@ -151,9 +151,7 @@ class Lining:
             if not within.any():
                 continue
             which[within] = RECESSES.index(recess.label)
-            extra[within], cosines[within] = _to_the_walls(
-                recess, ds[within], dt[within], along[within], around[within], outwards[within]
-            )
+            extra[within], cosines[within] = _to_the_walls(recess, ds[within], dt[within], along[within], around[within], outwards[within])
         return which, extra, cosines
 
     def _offsets(self, alpha, chainage, rho):

@@ -1,0 +1,144 @@
+"""Single sections of the simulated campaign in both epochs: drawn again and again, in the section's own plane, beside the truth.
+
+A section is what the stations of the campaign see in its slab (:mod:`analysis.tunnel.simulation.slab`). Its frame is that of
+the design axis: u to the right, v up, w along; leaving w away is the projection of the slab onto the plane of the section. How well
+an axis is found from scans is another matter; a wrong pole moves both epochs alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import joblib
+import numpy as np
+
+from ..ellipse import EllipseFit
+from ..methods import fit_ellipse
+from ..validation import positive
+from .deformation import ANGLES, Deformation, Split, deformation, split
+from .sections import Section
+from .simulation import CODES, EPOCHS, FULL_DENSITY, SectionScan, Tunnel, section_points, section_scan, survey
+from .simulation.slab import THICKNESS
+
+POLE = np.zeros(2)  # the axis point
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedSection:
+    """One section as the stations of both epochs see it, without noise.
+
+    tunnel : with the truth; chainage : m; scans : of the first and the second epoch
+    """
+
+    tunnel: Tunnel
+    chainage: float
+    scans: tuple[SectionScan, SectionScan]
+
+    def truth(self, angles=ANGLES) -> np.ndarray:
+        """True δ (K,) in m, positive outwards, in directions (K,) in rad."""
+        return self.tunnel.deformation(np.asarray(angles), self.chainage)
+
+    def lining(self) -> SimulatedSection:
+        """The section with nothing but the points of the lining, as a filter that makes no mistakes would leave it."""
+        return replace(self, scans=tuple(_chosen(scan, scan.codes == CODES["lining"]) for scan in self.scans))
+
+    def registration(self, sd: float) -> np.ndarray:
+        """Covariance (2, 2) in m² of the section's shift between the epochs, where each station is off by ``sd`` (m) in every coordinate.
+
+        ``sd² Σ (n_k/n)²`` an epoch, n_k of its n points being of station k: errors of different stations are independent.
+        """
+        shares = [np.bincount(scan.stations) / len(scan) for scan in self.scans]
+        return sd**2 * sum(float(share @ share) for share in shares) * np.eye(2)
+
+    def drawn(self, campaigns: int, seed: int, *, registration_sd: float, n_points: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Points (B, n, 3) in m of each epoch in B campaigns: right, up and along, from the axis point.
+
+        With ``n_points`` each campaign sees so many of the section's points, which ones changes from campaign to campaign.
+        The draws differ between sections and epochs, and those of campaign i do not hang on B.
+        """
+        return tuple(self._drawn(scan, campaigns, seed, registration_sd, n_points) for scan in self.scans)
+
+    def _drawn(self, scan: SectionScan, campaigns: int, seed: int, registration_sd: float, n_points: int | None) -> np.ndarray:
+        children = np.random.SeedSequence((seed, round(1000 * self.chainage), scan.epoch)).spawn(campaigns)
+        clouds = []
+        for which, noise in (child.generate_state(2).tolist() for child in children):
+            seen = scan if n_points is None else scan.sample(n_points, which)
+            clouds.append(section_points(seen, 1, noise, registration_sd=registration_sd)[0])
+        axis = self.tunnel.alignment
+        return (np.stack(clouds) - axis.position(self.chainage)) @ axis.frame(self.chainage)[[0, 2, 1]].T
+
+    def section(self, points: np.ndarray) -> Section:
+        """Points (n, 3) of one campaign and epoch, as drawn, in the form that sections cut from a scan have."""
+        axis = self.tunnel.alignment
+        right, along, up = axis.frame(self.chainage)
+        frame = axis.position(self.chainage), right, up, along
+        return Section(self.chainage, self.chainage, *frame, THICKNESS, np.arange(len(points)), *points.T)
+
+
+def _chosen(scan: SectionScan, keep: np.ndarray) -> SectionScan:
+    return replace(scan, **{name: getattr(scan, name)[keep] for name in ("points", "roots", "codes", "stations")})
+
+
+def simulated_sections(
+    tunnel: Tunnel, chainages: Sequence[float], density: float = FULL_DENSITY, *, workers: int | None = None
+) -> tuple[SimulatedSection, ...]:
+    """The sections at these chainages (m), cast with ``density`` beams a station; spread over ``workers`` processes, which changes nothing.
+
+    >>> from analysis.tunnel.simulation import default_tunnel
+    >>> section, = simulated_sections(default_tunnel(), [65.0], 50_000, workers=1)
+    >>> print((1e3 * section.truth([0.0])).round(3), len(section.lining().scans[0]) < len(section.scans[0]))
+    [-24.3] True
+    """
+    epochs = survey(tunnel)
+    tasks = [(chainage, epochs[number - 1].stations) for chainage in chainages for number in EPOCHS]
+    workers = min(len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers")))
+    with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
+        parallel = joblib.Parallel(max_nbytes=None)
+        scans = parallel(joblib.delayed(section_scan)(tunnel, setups, chainage, density) for chainage, setups in tasks)
+    pairs = zip(scans[::2], scans[1::2], strict=True)
+    return tuple(SimulatedSection(tunnel, float(chainage), pair) for chainage, pair in zip(chainages, pairs, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A simulated section in B campaigns: points of each epoch (B, n, 3), ellipses, change Δρ about the axis point, and the true δ (K,)."""
+
+    section: SimulatedSection
+    points: tuple[np.ndarray, np.ndarray]
+    ellipses: tuple[EllipseFit, EllipseFit]
+    change: Deformation
+    truth: np.ndarray
+
+    @property
+    def errors(self) -> np.ndarray:
+        """(B, K) of Δρ in m."""
+        return self.change.difference - self.truth
+
+    @property
+    def errors_within(self) -> np.ndarray:
+        """(B, K) of Δρ less its rigid part, in m: what a shift of the section, such as a registration error, cannot touch."""
+        return self.errors - (split(self.change).rigid - true_split(self.change.angles, self.truth).rigid)
+
+
+def compared(
+    section: SimulatedSection,
+    campaigns: int,
+    seed: int,
+    *,
+    registration_sd: float,
+    n_points: int | None = None,
+    angles: np.ndarray = ANGLES,
+    method: str = "robust",
+) -> Compared:
+    """Draw a section in B campaigns, fit an ellipse to every epoch of each, and compare the epochs in directions ``angles`` (K,)."""
+    points = section.drawn(campaigns, seed, registration_sd=registration_sd, n_points=n_points)
+    ellipses = tuple(fit_ellipse(epoch[..., :2], method) for epoch in points)
+    change = deformation(*ellipses, pole=POLE, angles=angles, registration=section.registration(registration_sd))
+    return Compared(section, points, ellipses, change, section.truth(angles))
+
+
+def true_split(angles: np.ndarray, truth: np.ndarray) -> Split:
+    """A true δ (K,) divided as an estimated one."""
+    nothing = np.zeros((len(angles), 1))
+    return split(Deformation(angles, POLE, truth, truth, truth, nothing, np.zeros((1, 1))))
