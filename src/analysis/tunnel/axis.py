@@ -301,7 +301,7 @@ def mid_values(points, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
             np.minimum.at(low[row], of, points[piece, column])
             np.maximum.at(high[row], of, points[piece, column])
     occupied = np.flatnonzero(np.isfinite(low[0]))
-    return first + (occupied + 0.5) * step, 0.5 * (low + high)[:, occupied].T
+    return first + (occupied + 0.5) * step, 0.5 * (low[:, occupied] + high[:, occupied]).T
 
 
 def printed_axis(points, step: float = 0.1, *, local: tuple[np.ndarray, np.ndarray] | None = None) -> Axis:
