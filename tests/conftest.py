@@ -16,6 +16,7 @@ def pytest_configure(config):
     config.own_output = None if OUTPUT_VARIABLE in os.environ else tempfile.mkdtemp(prefix="analysis-")
     if config.own_output:
         os.environ[OUTPUT_VARIABLE] = config.own_output
+        os.environ["NO_NOTEBOOKS_WERE_RUN"] = "1"  # for the workers, which inherit the folder
     if not config.option.nbval:
         os.environ["MPLBACKEND"] = "Agg"  # in a notebook this would remove its figures
 
@@ -23,6 +24,7 @@ def pytest_configure(config):
 def pytest_unconfigure(config):
     if config.own_output:
         shutil.rmtree(os.environ.pop(OUTPUT_VARIABLE), ignore_errors=True)
+        del os.environ["NO_NOTEBOOKS_WERE_RUN"]
 
 
 def pytest_collection_modifyitems(items):
