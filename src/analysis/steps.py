@@ -37,7 +37,7 @@ from __future__ import annotations
 import numpy as np
 
 from .accuracy import solve
-from .eiv import EIVProblem
+from .eiv import CommonCofactors, EIVProblem  # noqa: F401 - CommonCofactors is in the example above
 
 HALVINGS = 20  # of a Gauss-Newton step that climbs; it leads downhill, so that a few are enough
 
