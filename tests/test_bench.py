@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from analysis import PLANE_METHODS, simulate
+from analysis import PLANE_METHODS, fit_sphere, simulate
 from analysis.project import bench
 
 METHODS = ["ls", "igg3_wtls"]
@@ -29,6 +29,26 @@ def test_planes():
     many = bench.patches(stack, METHODS, repeats=1)
     assert many["method"].tolist() == [bench.PEER, *METHODS]
     assert (many["s a fit"] > 0).all() and (many["peak : input"] > 0).all()
+
+
+def test_robust_beside_other_libraries():
+    points = bench.gross_cloud(np.random.default_rng(1), 200)
+    others = bench.other_robust_fits(points) | {"odrpack": lambda: bench.orthogonal_by_odrpack(points)}
+    table = bench.robust_against(points, others, repeats=1)
+    assert table["method"].tolist() == ["robust", *others]
+    assert table["times robust"].iloc[0] == 1
+
+
+def test_odrpack_is_used_rightly():
+    points = simulate.sphere_cloud(np.random.default_rng(1), 200)
+    ours = fit_sphere(points, "geometric").parameters - [*points.mean(axis=0), 0.0]
+    np.testing.assert_allclose(bench.orthogonal_by_odrpack(points), ours, rtol=0, atol=1e-6)
+
+
+def test_growing_clouds():
+    table = bench.growing(np.random.default_rng(1), (100, 1000), repeats=1)
+    assert table["method"].tolist() == ["100 points", "1000 points"]
+    np.testing.assert_allclose(table["exponent"][1], np.log10(table["s a fit"][1] / table["s a fit"][0]))
 
 
 def test_a_long_loop_runs_over_some_of_the_clouds():

@@ -48,6 +48,12 @@ class Cloud:
             return self.cofactors / self.length[:, None, None, None] ** 2
         return (np.ones((len(self.points), 1)) if self.weights is None else 1.0 / self.weights) / self.length[:, None] ** 2
 
+    def observations(self) -> Observations:
+        """The points with their cofactors, to be taken into the frame a piece at a time."""
+        cofactors = self.cofactors_in_frame()
+        principal = (cofactors,) if cofactors.ndim == 2 else np.linalg.eigh(cofactors)
+        return Observations(self.points, self.origin, self.length, *principal)
+
     def pieces(self) -> list[slice]:
         """Pieces of the point axis such that all clouds of the stack together fill a block."""
         return pieces(self.count, max(1, BLOCK // len(self.points)))
@@ -142,6 +148,10 @@ class Points:
             return self.variances
         return np.einsum("bni,bni->bn", self.variances, np.einsum("bnij,bni->bnj", self.axes, normals) ** 2)
 
+    def oblique(self) -> np.ndarray:
+        """Coordinates (B, n) along a fixed oblique direction, by which points have an order of their own."""
+        return self.D @ np.sqrt([2.0, 3.0, 5.0])[: self.D.shape[-1]]
+
     def piece(self, part: slice) -> Points:
         """Some of the points of every cloud."""
         variances = self.variances if self.variances.shape[1] == 1 else self.variances[:, part]
@@ -149,6 +159,61 @@ class Points:
 
     def __getitem__(self, keep) -> Points:
         return Points(self.D[keep], self.variances[keep], None if self.axes is None else self.axes[keep])
+
+
+@dataclass(frozen=True)
+class Observations:
+    """The points of a stack as they were given; into its frame a large cloud is taken a piece at a time, so that it is never there twice.
+
+    points : (B, n, dim) in m; origin (B, dim), length (B,) : of the frame; variances, axes : in the frame, as of :class:`Points`
+    """
+
+    points: np.ndarray
+    origin: np.ndarray
+    length: np.ndarray
+    variances: np.ndarray
+    axes: np.ndarray | None = None
+
+    @property
+    def count(self) -> int:
+        return self.points.shape[1]
+
+    def pieces(self) -> list[slice]:
+        """Pieces of the point axis such that all clouds of the stack together fill a block."""
+        return pieces(self.count, max(1, BLOCK // len(self.points)))
+
+    def piece(self, part: slice) -> Points:
+        """Some of the points of every cloud, in the frame."""
+        given = self.points[:, part].swapaxes(-1, -2)
+        D = np.empty(given.shape)  # one array a coordinate: what is done to all points then runs through contiguous memory
+        np.subtract(given, self.origin[..., None], out=D)
+        D /= self.length[:, None, None]
+        variances = self.variances if self.variances.shape[1] == 1 else self.variances[:, part]
+        return Points(D.swapaxes(-1, -2), variances, None if self.axes is None else self.axes[:, part])
+
+    def drawn(self, count: int, seed: int) -> Observations:
+        """At most ``count`` points of each cloud in a canonical order; neither they nor it depend on the order given.
+
+        Drawn are those whose coordinate along an oblique direction has the smallest digits from the sixth or seventh place on.
+        """
+        if count < self.count:
+            scale = 1e6 * (1.0 + np.random.default_rng(seed).uniform())
+            digits = np.empty(self.points.shape[:2], dtype=np.float32)
+            for part in self.pieces():
+                digits[:, part] = scale * self.piece(part).oblique() % 1.0
+            return self._taken(np.argpartition(digits, count - 1, axis=-1)[:, :count]).drawn(count, seed)
+        return self._taken(np.argsort(self.piece(slice(None)).oblique(), axis=-1))
+
+    def _taken(self, chosen: np.ndarray) -> Observations:
+        """The points with these places (B, m) in each cloud."""
+        cloud = np.arange(len(chosen))[:, None]
+        variances = self.variances if self.variances.shape[1] == 1 else self.variances[cloud, chosen]
+        axes = None if self.axes is None else self.axes[cloud, chosen]
+        return Observations(self.points[cloud, chosen], self.origin, self.length, variances, axes)
+
+    def __getitem__(self, keep) -> Observations:
+        axes = None if self.axes is None else self.axes[keep]
+        return Observations(self.points[keep], self.origin[keep], self.length[keep], self.variances[keep], axes)
 
 
 @dataclass(frozen=True)

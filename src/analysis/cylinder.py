@@ -24,6 +24,7 @@ from .conic import axes_of
 from .cylinder_start import started
 from .ellipse import EllipseModel
 from .fit import Fit
+from .trimmed import SUBSET
 from .validation import finite_array
 
 PARAMETERS = 7
@@ -237,7 +238,7 @@ class CylinderCloud(Cloud):
 
     def start(self) -> np.ndarray:
         """(B, 15) near the cylinder that fits all points best."""
-        return started(self.model, self.in_frame()[0], self.axis, None)[0]
+        return started(self.model, self.observations().drawn(SUBSET, 0).piece(slice(None)).D, self.axis, None)[0]
 
     def trimmed_start(self, model, D: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
         """Of seven points a sample would seldom be clean, and no closed form gives a cylinder from them: see ``cylinder_start``."""
@@ -265,7 +266,7 @@ class CylinderCloud(Cloud):
             cofactor=propagate(cofactor, of_free),
             sigma_0=adjusted.sigma,
             distances=distances,
-            weights=adjusted.weights,
+            weights=np.broadcast_to(1.0, distances.shape) if adjusted.weights is None else adjusted.weights,
             iterations=adjusted.ended.iterations,
             converged=adjusted.ended.converged,
             stop_reason=adjusted.ended.stop_reason,

@@ -16,9 +16,8 @@ import numpy as np
 
 from .accuracy import solve
 from .ellipse import EllipseModel
-from .trimmed import closest, in_canonical_order, trimmed_sum, trimmed_variance
+from .trimmed import closest, trimmed_sum, trimmed_variance
 
-SUBSET = 1000  # points the start looks at
 SCREENED = 500  # points by which the samples are compared; with 45 % bad ones, chance seldom makes half of them bad
 SAMPLES = 100  # along each trial direction: with 40 % bad points about 8 of them are clean
 CANDIDATES = 12  # directions that are looked at again, and cylinders that are followed to the end
@@ -31,13 +30,13 @@ def started(model, D: np.ndarray, axis: np.ndarray | None, seed: int | None) -> 
     axis : (3,) approximate direction, or None to try directions all over
     seed : of the samples for least trimmed squares, or None to fit all points alike
     """
-    found = [_started(model, cloud, axis, seed) for cloud in in_canonical_order(D)]
+    found = [_started(model, cloud, axis, seed) for cloud in D]
     return np.stack([x for x, _ in found]), np.array([spread for _, spread in found])
 
 
 def _started(model, D: np.ndarray, axis: np.ndarray | None, seed: int | None) -> tuple[np.ndarray, float]:
     generator = np.random.default_rng(0 if seed is None else seed)
-    D = D[generator.permutation(len(D))[:SUBSET]]
+    D = D[generator.permutation(len(D))]
     few = D[:SCREENED]
     directions = trial_directions(D) if axis is None else axis[None]
     draws = None if seed is None else np.argsort(generator.uniform(size=(SAMPLES, len(few))), axis=-1)[:, :5]

@@ -38,7 +38,7 @@ def iterate(problem, state: tuple[np.ndarray, ...], advance: Callable, endings: 
     a stack of any size.
     """
     count = len(state[0])
-    final = tuple(array.copy() for array in state)
+    final = None  # made when one of several has ended: a single problem, which may be large, is never there twice
     active = np.arange(count)
     iterations = np.full(count, max_iterations)
     ending = np.zeros(count, dtype=int)
@@ -49,6 +49,11 @@ def iterate(problem, state: tuple[np.ndarray, ...], advance: Callable, endings: 
             ended = active[stopped]
             iterations[ended] = iteration
             ending[ended] = now[stopped]
+            if len(ended) == count:
+                final = state
+                break
+            if final is None:
+                final = tuple(np.empty_like(array) for array in state)
             for whole, part in zip(final, state, strict=True):
                 whole[ended] = part[stopped]
             keep = ~stopped

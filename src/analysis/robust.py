@@ -13,8 +13,9 @@ are the same for every geometry:
    rejected points neither widen it nor hide behind it. Errors of only a few standard deviations on one
    side, in a large share of the points, are not told from noise and do widen it.
 
-A cloud hands over its ``model``, its points and cofactors ``in_frame()``, a ``start()``, and makes a ``fit``
-of the result. All arrays are stacks (B, …) in the cloud's frame, which is centred and scaled.
+A cloud hands over its ``model``, its ``observations()``, a ``start()``, and makes a ``fit`` of the result. All arrays are stacks
+(B, …) in the cloud's frame, which is centred and scaled. An iteration is one pass over the points, a block at a time: beyond the
+points a large cloud needs a weight and a distance for each.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from dataclasses import replace
 import numpy as np
 
 from .accuracy import cofactor_from_normal, solve
-from .cloud import ROUNDING, Adjusted, GeometricModel, Points
-from .trimmed import least_trimmed_squares
+from .cloud import ROUNDING, Adjusted, GeometricModel, Observations, Points
+from .trimmed import SUBSET, least_trimmed_squares
 from .validation import positive, whole_number
 from .weights import IGG3, WeightFunction
 from .wtls import iterate
@@ -33,6 +34,7 @@ from .wtls import iterate
 TOLERANCE = 1e-12  # of a step, in the frame's unit
 STALLED = 1e-9  # a step below this that no longer shrinks is rounding
 SETTLED = 1e-10  # relative change of the scale
+LARGE = 16_384  # points from which on a part of them is adjusted first: its solution is so near that all need only a few passes
 SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
@@ -48,7 +50,7 @@ def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100
     Source: Pope 1972; Neitzel 2010.
     """
     whole_number(max_iterations, "max_iterations")
-    adjusted = _adjust(cloud.model, Points.of(*cloud.in_frame()), cloud.start(), None, None, max_iterations)
+    adjusted = _adjust(cloud.model, cloud.observations(), cloud.start(), None, None, max_iterations)
     if bias_correction:
         adjusted = replace(adjusted, x=adjusted.x - cloud.bias(adjusted.x, adjusted.sigma))
     return cloud.fit("geometric", adjusted)
@@ -70,42 +72,53 @@ def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterat
     """
     function = IGG3(positive(k0, "k0"), positive(k1, "k1"), 1)
     whole_number(max_iterations, "max_iterations")
-    model, points = cloud.model, Points.of(*cloud.in_frame())
-    x, spread = (cloud.trimmed_start or least_trimmed_squares)(model, points.D, seed)
-    sigma = spread / np.sqrt(np.mean(linearised(model, x, points)[2], axis=-1))
+    model, points = cloud.model, cloud.observations()
+    part = points.drawn(LARGE, seed)
+    few = part.drawn(SUBSET, seed).piece(slice(None))
+    x, spread = (cloud.trimmed_start or least_trimmed_squares)(model, few.D, seed)
+    sigma = spread / np.sqrt(np.mean(linearised(model, x, few)[2], axis=-1))
+    if points.count > LARGE:
+        near = _adjust(model, part, x, sigma, function, max_iterations)
+        found = near.ended.converged
+        x, sigma = np.where(found[:, None], near.x, x), np.where(found, near.sigma, sigma)
     return cloud.fit("robust", _adjust(model, points, x, sigma, function, max_iterations))
 
 
-def _adjust(model, points: Points, x, sigma, function: WeightFunction | None, max_iterations: int) -> Adjusted:
-    count, n = points.D.shape[:2]
+def _adjust(model, points: Observations, x, sigma, function: WeightFunction | None, max_iterations: int) -> Adjusted:
     t = model.degrees
 
-    def advance(points: Points, state):
-        x, sigma, last, weights, leverage = state
-        f, J, variances = linearised(model, x, points)
-        squares = f * f / variances
-        if function is not None:
+    def advance(points: Observations, state):
+        x, sigma, last, weights, cofactor = state
+
+        def reweigh(part: slice, squares, J, variances) -> None:
             # Leverage and scale lag by one step; at the fixed point they belong to these residuals.
-            spread = sigma[:, None] * np.sqrt(np.maximum(1.0 - leverage, SMALLEST_REDUNDANCY))
-            weights = function.weight(np.sqrt(squares) / np.maximum(spread, ROUNDING / np.sqrt(variances)))
-            sigma, before = _scale(squares, weights, function, t), sigma
-        W = weights / variances
-        N = (J * W[:, None, :]) @ J.swapaxes(-1, -2)
-        step = -solve(N, J @ (W * f)[..., None])[..., 0]
+            leverage = weights[:, part] / variances * np.sum((cofactor @ J) * J, axis=-2)
+            spread = sigma[:, None] ** 2 * np.maximum(1.0 - leverage, SMALLEST_REDUNDANCY)
+            weights[:, part] = function.weight(np.sqrt(squares / np.maximum(spread, ROUNDING**2 / variances)))
+
+        sums = _Sums(model, x, points, weights, None if function is None else reweigh)
+        step = -solve(sums.N, sums.g[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1)
-        lost = ~np.isfinite(length + sigma)
+        new_sigma = sigma if function is None else _scale(sums, function, t)
+        lost = ~np.isfinite(length + new_sigma)
         small = length <= TOLERANCE
         stalled = (length >= last) & (length <= STALLED)
         if function is not None:
-            leverage = W * np.einsum("btn,btn->bn", J, solve(N, J))
+            cofactor = cofactor_from_normal(sums.N)
             # The scale of exact points is rounding and never settles.
-            settled = np.abs(sigma - before) <= np.maximum(SETTLED * sigma, ROUNDING / np.sqrt(variances.min(axis=-1)))
+            settled = np.abs(new_sigma - sigma) <= np.maximum(SETTLED * new_sigma, ROUNDING / np.sqrt(sums.least_variance))
             small, stalled = small & settled, stalled & settled
         new = np.where(lost[:, None], x, model.moved(x, step))
-        return (new, sigma, length, weights, leverage), np.select([lost, small, stalled], [1, 2, 3], 0)
+        return (new, new_sigma, length, weights, cofactor), np.select([lost, small, stalled], [1, 2, 3], 0)
 
-    ones, zeros = np.ones((count, n)), np.zeros((count, n))
-    start = (x, np.zeros(count) if sigma is None else sigma, np.full(count, np.inf), ones, zeros)
+    count = len(points.points)
+    start = (
+        x,
+        np.zeros(count) if sigma is None else sigma,
+        np.full(count, np.inf),
+        np.ones((count, 1 if function is None else points.count)),
+        np.zeros((count, t, t)),
+    )
     endings = [
         (False, "not converged: the normal equations became singular"),
         (True, "the parameters stand still" if function is None else "parameters and scale stand still"),
@@ -113,11 +126,35 @@ def _adjust(model, points: Points, x, sigma, function: WeightFunction | None, ma
     ]
     ended = iterate(points, start, advance, endings, max_iterations)
     x, _, _, weights, _ = ended.state
-    f, J, variances = linearised(model, x, points)
-    N = (J * (weights / variances)[:, None, :]) @ J.swapaxes(-1, -2)
+    sums = _Sums(model, x, points, weights)
     # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
     factor = 1.0 if function is None else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
-    return Adjusted(x, factor * cofactor_from_normal(N), _scale(f * f / variances, weights, function, t), weights, ended)
+    return Adjusted(x, factor * cofactor_from_normal(sums.N), _scale(sums, function, t), None if function is None else weights, ended)
+
+
+class _Sums:
+    """What one pass over the points gives at x: the normal equations ``N = Σ ω JJᵀ/v``, ``g = Σ ω J f/v``, and sums for the scale.
+
+    N : (B, t, t); g : (B, t); weights : Σω, (B,); squares : Σω f²/v, (B,); least_variance : smallest v, (B,)
+    """
+
+    def __init__(self, model, x: np.ndarray, points: Observations, weights: np.ndarray, reweigh=None):
+        """``weights`` (B, n), or (B, 1) for all points; ``reweigh(part, f²/v, J, v)`` gives those of a part anew before they are used."""
+        count, t = len(x), model.degrees
+        self.N, self.g = np.zeros((count, t, t)), np.zeros((count, t))
+        self.weights, self.squares, self.least_variance = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+        for part in points.pieces():
+            f, J, variances = linearised(model, x, points.piece(part))
+            squares = f * f / variances
+            if reweigh is not None:
+                reweigh(part, squares, J, variances)
+            omega = np.broadcast_to(weights if weights.shape[1] == 1 else weights[:, part], f.shape)
+            weighed = J * (omega / variances)[:, None, :]
+            self.N += weighed @ J.swapaxes(-1, -2)
+            self.g += (weighed @ f[..., None])[..., 0]
+            self.weights += np.sum(omega, axis=-1)
+            self.squares += np.sum(omega * squares, axis=-1)
+            np.minimum(self.least_variance, variances.min(axis=-1), out=self.least_variance)
 
 
 def linearised(model: GeometricModel, x: np.ndarray, points: Points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -135,13 +172,12 @@ def linearised(model: GeometricModel, x: np.ndarray, points: Points) -> tuple[np
     return f, J, points.along(normals)
 
 
-def _scale(squares: np.ndarray, weights: np.ndarray, function: WeightFunction | None, t: int) -> np.ndarray:
+def _scale(sums: _Sums, function: WeightFunction | None, t: int) -> np.ndarray:
     """σ̂ (B,): ``σ̂² = Σω f²/v / (κ Σω) · n'/(n' − t)``, n' = Σω/E[ω] points in use; κ = E[ωu²]/E[ω] makes it consistent.
 
     NaN without redundancy, but for a robust fit, which could not go on from there, no correction for it.
     """
-    total = np.sum(weights, axis=-1)
-    total = np.where(total > 0, total, np.nan)
+    total = np.where(sums.weights > 0, sums.weights, np.nan)
     kappa, in_use = (1.0, total) if function is None else (function.consistency_factor, total / function.mean_weight)
     redundancy = np.where(in_use > t, in_use - t, np.nan if function is None else in_use)
-    return np.sqrt(np.sum(weights * squares, axis=-1) / (kappa * total) * in_use / redundancy)
+    return np.sqrt(sums.squares / (kappa * total) * in_use / redundancy)

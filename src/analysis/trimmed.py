@@ -26,16 +26,12 @@ def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tu
     """Surface with the least sum of the h = (n + t + 1)/2 smallest squared distances, and its consistent scale.
 
     Elemental samples, the best followed by concentration steps (fit, keep the h closest, fit again). The
-    samples are drawn from the points in an order of their own, so they do not depend on the order given.
+    points D (B, n, dim) come in an order of their own, so that the samples do not depend on the order given.
     All points are treated alike: a small cofactor does not make a point a good one.
     Returns x (B, s) and the spread of the distances (B,) as a standard deviation.
     """
     generator = np.random.default_rng(seed)
-    D = in_canonical_order(D)
     n = D.shape[1]
-    if n > SUBSET:
-        D = D[:, generator.permutation(n)[:SUBSET]]
-        n = SUBSET
     h = (n + model.degrees + 1) // 2
     draws = np.argsort(generator.uniform(size=(SAMPLES, n)), axis=-1)[:, : model.sample]
     x = model.through(D[:, draws])  # (B, S, s)
@@ -59,12 +55,6 @@ def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tu
             x = _concentrated_with_held(model, x, D, h)
     sigma = np.sqrt(trimmed_sum(model, x[:, None], D, h)[:, 0] / h / trimmed_variance(h / n))
     return x, sigma
-
-
-def in_canonical_order(D: np.ndarray) -> np.ndarray:
-    """The points of each cloud sorted along a fixed oblique direction."""
-    direction = np.sqrt([2.0, 3.0, 5.0])[: D.shape[-1]]
-    return np.take_along_axis(D, np.argsort(D @ direction, axis=-1)[..., None], axis=-2)
 
 
 def trimmed_sum(model, x, D, h: int) -> np.ndarray:

@@ -19,7 +19,7 @@ Zhou (1989), Acta Geodaetica et Cartographica Sinica 18, 115-120.
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -72,20 +72,20 @@ class WeightFunction(ABC):
         """The factor ω(u) = ψ(u)/u; it falls from 1 at u = 0 and is never negative."""
         return self._weight(_magnitude(u))[()]
 
-    @cached_property
+    @property
     def mean_weight(self):
         """E[ω] for normal u."""
-        return self._normal_mean(self.weight)
+        return _normal_means(self)[0]
 
-    @cached_property
+    @property
     def mean_psi_prime(self):
         """E[ψ′] for normal u, computed as E[uψ] = E[ωu²] (Stein's lemma), so that a jump of ψ counts."""
-        return self._normal_mean(lambda u: u * self.psi(u))
+        return _normal_means(self)[1]
 
-    @cached_property
+    @property
     def mean_psi_squared(self):
         """E[ψ²] for normal u."""
-        return self._normal_mean(lambda u: self.psi(u) ** 2)
+        return _normal_means(self)[2]
 
     @property
     def efficiency(self):
@@ -96,14 +96,6 @@ class WeightFunction(ABC):
     def consistency_factor(self):
         """κ = E[ωu²]/E[ω]: for normal errors Σ ωV²/(κ Σ ω) tends to σ², where Σ ωV²/Σ ω is too small."""
         return self.mean_psi_prime / self.mean_weight
-
-    def _normal_mean(self, f):
-        """E[f(u)] of an even f by adaptive quadrature from kink to kink, up to 40, where the density is 0."""
-        edges = [0.0, *(kink for kink in self.kinks if kink < 40.0), 40.0]
-        pieces = [
-            quad(lambda u: f(u) * math.exp(-u * u / 2), *piece, epsabs=1e-13, epsrel=1e-12, limit=200)[0] for piece in pairwise(edges)
-        ]
-        return float(math.sqrt(2 / math.pi) * sum(pieces))
 
     def _require(self, satisfied, rule):
         if not satisfied:
@@ -119,6 +111,20 @@ class WeightFunction(ABC):
 
     @abstractmethod
     def _weight(self, t): ...
+
+
+@cache  # equal functions share them: the quadrature takes longer than a small adjustment
+def _normal_means(function: WeightFunction) -> tuple[float, float, float]:
+    """E[ω], E[ωu²] and E[ψ²] for normal u, by adaptive quadrature from kink to kink, up to 40, where the density is 0."""
+    edges = [0.0, *(kink for kink in function.kinks if kink < 40.0), 40.0]
+
+    def mean(f) -> float:
+        pieces = [
+            quad(lambda u: f(u) * math.exp(-u * u / 2), *piece, epsabs=1e-13, epsrel=1e-12, limit=200)[0] for piece in pairwise(edges)
+        ]
+        return float(math.sqrt(2 / math.pi) * sum(pieces))
+
+    return mean(function.weight), mean(lambda u: u * function.psi(u)), mean(lambda u: function.psi(u) ** 2)
 
 
 @dataclass(frozen=True)

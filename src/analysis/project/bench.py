@@ -1,9 +1,10 @@
 """
-Time and memory of the methods, against stated limits and beside scikit-spatial's fits of the same points.
+Time and memory of the methods, against stated limits and beside other libraries' fits of the same points.
 
-``python -m analysis.project.bench``; takes about two minutes. Numbers are of this machine at this moment, so nothing is exported.
+``python -m analysis.project.bench``; takes about four minutes. scikit-image takes part where it is installed (the extra ``benchmark``). Numbers are of this machine at this moment, so nothing is exported.
 """
 
+import importlib.util
 import math
 import sys
 import time
@@ -11,18 +12,21 @@ import tracemalloc
 import warnings
 
 import numpy as np
+import odrpack
 import pandas as pd
 from skspatial.objects import Plane, Sphere
 from tqdm import tqdm
 
 import analysis
-from analysis import simulate, tables
+from analysis import peers, simulate, tables
 from analysis.scanner import RIEGL_VZ400
 
 ONE, STACK, LARGE = simulate.SPHERE_POINTS, 2_000, 1_000_000
 PATCHES, PATCH_POINTS = 20_000, 100
 LOOP_SECONDS = 1.0  # where the loop over the stack would take longer, it runs over evenly spread clouds only
 PEER = "scikit-spatial"
+SOME, GROWING = 10_000, (10_000, 100_000, 1_000_000, 10_000_000)  # points with gross errors
+GROSS_SHARE, SIGMA = 0.1, 0.003  # of these points; m
 
 # What is asked, of which methods (None: all), and the column that shows it.
 LIMITS = pd.DataFrame(
@@ -30,8 +34,16 @@ LIMITS = pd.DataFrame(
         (f"{ONE} points", "ms a fit", "at most", 20.0, None),
         (f"stack of {STACK} x {ONE}", "loop : stack", "at least", 5.0, None),
         (f"stack of {STACK} x {ONE}", "largest difference", "at most", 1e-9, None),
+        (f"{ONE} points", "ms a fit", "at most", 5.0, ("robust",)),
+        (f"stack of {STACK} x {ONE}", "stack, ms", "at most", 1.5, ("robust",)),
         (f"{LARGE} points", "s a fit", "at most", 1.0, ("ls", "mixed_ls_tls")),
         (f"{LARGE} points", "peak : input", "at most", 4.0, ("ls", "mixed_ls_tls")),
+        (f"{LARGE} points with gross errors", "s a fit", "at most", 0.25, ("robust",)),
+        (f"{LARGE} points with gross errors", "peak : input", "at most", 1.0, ("robust",)),
+        (f"{LARGE} points with gross errors", "times robust", "at least", 3.0, ("scikit-image, RANSAC",)),
+        (f"{LARGE} points with gross errors", "times robust", "at least", 10.0, ("scipy, cauchy",)),
+        (f"{SOME} points with gross errors", "times robust", "at least", 40.0, ("odrpack",)),
+        ("robust, more and more points", "exponent", "at most", 1.1, None),
         (f"plane, {LARGE} points", "s a fit", "at most", 0.2, ("geometric",)),
         (f"plane, {LARGE} points", "s a fit", "at most", 3.0, ("eiv, full cofactors",)),
         (f"plane, {LARGE} points", "peak : input", "at most", 3.0, ("eiv, full cofactors",)),
@@ -107,6 +119,71 @@ def large_sphere(points, methods, repeats=2):
     return large(calls, dict.fromkeys(calls, points.nbytes), repeats)
 
 
+def gross_cloud(generator, n):
+    """n points of the paper's sphere, a tenth of them moved by up to 2 m a coordinate."""
+    points = simulate.sphere_cloud(generator, n)
+    points[: round(GROSS_SHARE * n)] += generator.uniform(-2.0, 2.0, (round(GROSS_SHARE * n), 3))
+    return points
+
+
+def orthogonal_by_odrpack(points):
+    """Orthogonal distances by odrpack, implicit, from the LS sphere; coordinates reduced to the centroid."""
+    origin = points.mean(axis=0)
+    start = analysis.fit_sphere(points, "ls").parameters - [*origin, 0.0]
+
+    def outwards(x, beta):
+        return (x - beta[:3, None]) / np.linalg.norm(x - beta[:3, None], axis=0)
+
+    return odrpack.odr_fit(
+        lambda x, beta: np.linalg.norm(x - beta[:3, None], axis=0) - beta[3],
+        np.ascontiguousarray((points - origin).T),
+        np.zeros(len(points)),
+        start,
+        task="implicit-ODR",
+        jac_beta=lambda x, beta: np.vstack([-outwards(x, beta), -np.ones(x.shape[1])]),
+        jac_x=outwards,
+    ).beta
+
+
+class RansacSphere:
+    """The sphere for scikit-image's ``ransac``, by algebraic least squares."""
+
+    @classmethod
+    def from_estimate(cls, points):
+        model = cls()
+        model.parameters = analysis.fit_sphere(points, "ls").parameters
+        return model
+
+    def residuals(self, points):
+        return np.abs(np.linalg.norm(points - self.parameters[:3], axis=1) - self.parameters[3])
+
+
+def robust_against(points, others, repeats=2):
+    """``fit_sphere`` beside named calls on the same points: s a fit, peak memory over the input's size, and the time over that of robust."""
+    calls = {"robust": lambda: analysis.fit_sphere(points)} | others
+    best = fastest(calls, repeats)
+    memory = [peak(call) / points.nbytes for call in calls.values()]
+    seconds = np.array(list(best.values()))
+    return pd.DataFrame({"method": list(calls), "s a fit": seconds, "peak : input": memory, "times robust": seconds / best["robust"]})
+
+
+def other_robust_fits(points):
+    """Named calls of robust fits of other libraries; they are told the noise, which ``fit_sphere`` finds itself."""
+    calls = {"scipy, cauchy": lambda: peers.robust_loss(points, "cauchy", SIGMA)}
+    if importlib.util.find_spec("skimage"):
+        from skimage.measure import ransac
+
+        calls["scikit-image, RANSAC"] = lambda: ransac(points, RansacSphere, 4, 3 * SIGMA, rng=1)
+    return calls
+
+
+def growing(generator, sizes, repeats=2):
+    """``fit_sphere`` of more and more points: seconds, and the exponent of the time against the points from each size to the next."""
+    seconds = np.array([fastest({"": lambda points=gross_cloud(generator, n): analysis.fit_sphere(points)}, repeats)[""] for n in sizes])
+    exponents = np.concatenate([[0.0], np.diff(np.log(seconds)) / np.diff(np.log(sizes))])
+    return pd.DataFrame({"method": [f"{n} points" for n in sizes], "s a fit": seconds, "exponent": exponents})
+
+
 def plane_cloud(generator, shape):
     """Points (…, n, 3) of patches of 1 m of a level plane, σ 2 mm, 3 m below the origin."""
     points = np.concatenate([generator.uniform(-0.5, 0.5, shape + (2,)), np.full(shape + (1,), -3.0)], axis=-1)
@@ -165,6 +242,12 @@ def main():
     print(report(f"{LARGE} points", large_sphere(points, methods), 2))
 
     generator = np.random.default_rng(simulate.SEED)
+    points = gross_cloud(generator, LARGE)
+    print(report(f"{LARGE} points with gross errors", robust_against(points, other_robust_fits(points)), 2))
+    points = gross_cloud(generator, SOME)
+    print(report(f"{SOME} points with gross errors", robust_against(points, {"odrpack": lambda: orthogonal_by_odrpack(points)}), 3))
+    print(report("robust, more and more points", growing(generator, GROWING), 3))
+
     points = plane_cloud(generator, (LARGE,))
     cofactors = RIEGL_VZ400.cofactors(points, normals=np.broadcast_to([0.0, 0.0, 1.0], points.shape))
     print(report(f"plane, {LARGE} points", large_plane(points, cofactors), 2))
