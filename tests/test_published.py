@@ -248,7 +248,7 @@ def test_a_claim_has_words_and_no_value():
     claim = published.statements()["ou_liu_2017/claim_table2_tls_worst"]
     assert claim.text == "claim" and "TLS" in claim.quantity
     with pytest.raises(ValueError):
-        claim.value
+        _ = claim.value
 
 
 def test_two_statements_of_one_name_are_refused(monkeypatch, tmp_path):

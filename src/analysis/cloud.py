@@ -220,7 +220,7 @@ class Observations:
 class Adjusted:
     """Result of an adjustment in the cloud's frame.
 
-    x (B, s); cofactor (B, t, t) of the free parameters; sigma (B,) standard deviation at cofactor 1; weights (B, n) or None for ones; ended.
+    x (B, s); cofactor (B, t, t) of the free parameters; sigma (B,) at cofactor 1; weights (B, n) or None for ones; ended.
     """
 
     x: np.ndarray

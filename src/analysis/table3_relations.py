@@ -155,8 +155,8 @@ def every_relation() -> list[Relation]:
     found = [centres_within_reach(sample) for sample in SAMPLES]
     found += [sigma_0_from_sigma_s(sample, method) for sample in SAMPLES for method in ("ls", "tls")]
     found += [farthest_point_needed(sample) for sample in SAMPLES]
-    for relation in (radius_error, relative_radius_error):
-        found += [relation(sample, method) for sample in SAMPLES for method in LABELS]
+    for of_a_row in (radius_error, relative_radius_error):
+        found += [of_a_row(sample, method) for sample in SAMPLES for method in LABELS]
     return found
 
 

@@ -48,7 +48,9 @@ def recovery(maps: Mapping[str, pd.DataFrame], setting: tuple[float, float]) -> 
     for ax, (layout, frame) in zip(axes.flat, maps.items(), strict=True):
         sides, sigmas = np.unique(frame["side_m"]), np.unique(frame["sigma_m"])
 
-        def gridded(column, frame=frame, shape=(len(sides), len(sigmas))):
+        shape = len(sides), len(sigmas)
+
+        def gridded(column, frame=frame, shape=shape):
             return frame[column].to_numpy().reshape(shape).T
 
         mesh = (sides, 100.0 * sigmas)

@@ -1,7 +1,8 @@
 """
 Time and memory of the methods, against stated limits and beside other libraries' fits of the same points.
 
-``python -m analysis.project.bench``; takes about four minutes. scikit-image takes part where it is installed (the extra ``benchmark``). Numbers are of this machine at this moment, so nothing is exported.
+``python -m analysis.project.bench``; takes about four minutes. scikit-image takes part where it is installed (the extra
+``benchmark``). Numbers are of this machine at this moment, so nothing is exported.
 """
 
 import importlib.util
@@ -106,7 +107,7 @@ def stacked(stack, methods, one_ms):
 
 
 def large(calls, sizes, repeats=2):
-    """Named calls on one large input, the peer's first: s a fit, peak memory over the input's size in bytes, and the peer's time over it."""
+    """Named calls on one large input, the peer's first: s a fit, peak memory over the input's bytes, and the peer's time over it."""
     best = fastest(calls, repeats)
     memory = [peak(call) / sizes[name] for name, call in calls.items()]
     seconds = np.array(list(best.values()))
@@ -159,7 +160,7 @@ class RansacSphere:
 
 
 def robust_against(points, others, repeats=2):
-    """``fit_sphere`` beside named calls on the same points: s a fit, peak memory over the input's size, and the time over that of robust."""
+    """``fit_sphere`` beside named calls on the same points: s a fit, peak memory over the input's bytes, and the time over ours."""
     calls = {"robust": lambda: analysis.fit_sphere(points)} | others
     best = fastest(calls, repeats)
     memory = [peak(call) / points.nbytes for call in calls.values()]
@@ -179,7 +180,10 @@ def other_robust_fits(points):
 
 def growing(generator, sizes, repeats=2):
     """``fit_sphere`` of more and more points: seconds, and the exponent of the time against the points from each size to the next."""
-    seconds = np.array([fastest({"": lambda points=gross_cloud(generator, n): analysis.fit_sphere(points)}, repeats)[""] for n in sizes])
+    seconds = np.empty(len(sizes))
+    for place, n in enumerate(sizes):
+        points = gross_cloud(generator, n)
+        seconds[place] = fastest(fits(points, ["robust"]), repeats)["robust"]
     exponents = np.concatenate([[0.0], np.diff(np.log(seconds)) / np.diff(np.log(sizes))])
     return pd.DataFrame({"method": [f"{n} points" for n in sizes], "s a fit": seconds, "exponent": exponents})
 
