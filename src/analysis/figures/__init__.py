@@ -54,6 +54,13 @@ def new(rows: int = 1, columns: int = 1, *, width: float = PAGE, height: float =
     return pyplot.subplots(rows, columns, figsize=(width, height), layout="constrained", **options)
 
 
+def headed(figure, title: str, handles=(), columns: int = 1) -> None:
+    """One title over all panels, and one legend of the handles below them."""
+    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"])
+    if handles := list(handles):
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns, columnspacing=1.4)
+
+
 def publish(figure, stem: str, data: pd.DataFrame) -> None:
     """Write ``figures/<stem>.png`` and ``.svg`` and what they show as ``data/results/<stem>.csv``.
 

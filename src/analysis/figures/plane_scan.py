@@ -14,7 +14,7 @@ from ..methods import PLANE_METHODS
 from ..plane import PlaneFit
 from ..plane_scan import COMPARED, truth
 from ..scanner import Scan
-from . import GREY, GROSS, STYLE, TRUTH, new, publish
+from . import GREY, GROSS, headed, new, publish
 
 STEM = "07_plane_scan"
 FLOOR = 1e-16  # where an excess that rounding has swallowed is drawn
@@ -56,7 +56,7 @@ def clutter(whole: Scan, fits: Mapping[str, PlaneFit], height: float) -> None:
     ax.set_ylim(-3.0, 8.0)
     ax.set_xlabel("distance from the scanner / m")
     ax.set_ylabel("height over the true ground / cm")
-    _headed(figure, "What do stones do to the ground? One scan from the side; higher points are cut off", handles, 4)
+    headed(figure, "What do stones do to the ground? One scan from the side; higher points are cut off", handles, 4)
     points = pd.DataFrame({"kind": whole.labels, "y_m": y, "above_cm": above})
     publish(figure, f"{STEM}_clutter", pd.concat([points, *profiles]))
 
@@ -85,7 +85,7 @@ def accuracy(tables: Mapping[str, pd.DataFrame]) -> None:
         Line2D([], [], color=GREY, marker="o", markersize=9, markerfacecolor="white", linestyle="none", label="stated standard deviation"),
         Line2D([], [], linestyle="none", label="right: 95 % ellipsoids that hold the truth"),
     ]
-    _headed(figure, "Is the ground where the methods say, and do they know how well?", handles, 3)
+    headed(figure, "Is the ground where the methods say, and do they know how well?", handles, 3)
     publish(figure, f"{STEM}_accuracy", pd.concat([table.assign(scene=scene) for scene, table in tables.items()]))
 
 
@@ -109,11 +109,5 @@ def convergence(history: pd.DataFrame) -> None:
     axes[0].minorticks_off()
     axes[0].set_yscale("log")
     axes[0].set_ylabel("(Φ − Φ min) / Φ min")
-    _headed(figure, "How fast do the algorithms reach the minimum?", axes[0].get_legend_handles_labels()[0], 4)
+    headed(figure, "How fast do the algorithms reach the minimum?", axes[0].get_legend_handles_labels()[0], 4)
     publish(figure, f"{STEM}_convergence", history)
-
-
-def _headed(figure, title: str, handles, columns: int) -> None:
-    """One title over all panels, one legend below them."""
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"], color=TRUTH)
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, columnspacing=1.4)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..methods import PLANE_METHODS
 from ..plane_errors import PARAMETERS
 from ..plane_study import FIVE, VARIANTS, printed
-from . import GREY, STYLE, TRUTH, new, publish
+from . import GREY, TRUTH, headed, new, publish
 
 STEM = "06_plane_simulation"
 REGION = "#BBDDBB"  # where all five numbers fit
@@ -82,7 +82,7 @@ def recovery(maps: Mapping[str, pd.DataFrame], setting: tuple[float, float]) -> 
     handles = [Line2D([], [], color=colour, linestyle=line, label=FIVE[name][1]) for name, (colour, line) in LINES.items()]
     handles.append(Patch(color=REGION, label="all five fit"))
     handles.append(Line2D([], [], color=TRUTH, marker="+", markersize=9, linestyle="none", label="L = 0.2 m, σ² = 0.0005 m²"))
-    _headed(figure, "Which patch and which noise print the five numbers? (between its two lines each fits)", handles, 4)
+    headed(figure, "Which patch and which noise print the five numbers? (between its two lines each fits)", handles, 4)
     shown = pd.concat([frame.assign(layout=layout) for layout, frame in maps.items()])
     publish(figure, f"{STEM}_recovery", shown[["layout", *shown.columns.drop("layout")]])
 
@@ -106,7 +106,7 @@ def experiments(found: NDArray[np.float64], comparison: pd.DataFrame) -> None:
         Patch(color=GREY, alpha=0.55, label="what rounds to the printed number"),
         Line2D([], [], color=TRUTH, linewidth=0.9, linestyle="--", label="central 95 % of the experiments"),
     ]
-    _headed(figure, "Does the recovered setting print the paper's numbers? Ten-run experiments", handles, 2)
+    headed(figure, "Does the recovered setting print the paper's numbers? Ten-run experiments", handles, 2)
     publish(figure, f"{STEM}_experiments", pd.concat(rows))
 
 
@@ -134,16 +134,10 @@ def errors(table: pd.DataFrame) -> None:
         Line2D([], [], color=GREY, marker="o", markersize=6.5, linestyle="none", label="bias: what averaging does not remove"),
         Line2D([], [], color=GREY, linewidth=2.2, label="half of the runs lie in here"),
     ]
-    _headed(figure, "Which method finds the plane? Errors of a single run", handles, 2)
+    headed(figure, "Which method finds the plane? Errors of a single run", handles, 2)
     publish(figure, f"{STEM}_errors", table)
 
 
 def _printed_limits() -> dict[str, tuple[float, float]]:
     """What rounds to the printed numbers."""
     return {row.quantity: (row.printed - row.half_unit, row.printed + row.half_unit) for row in printed().itertuples()}
-
-
-def _headed(figure, title: str, handles, columns: int) -> None:
-    """One title over all panels, one legend below them."""
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"])
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, columnspacing=1.4)

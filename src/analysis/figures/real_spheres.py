@@ -9,7 +9,7 @@ import pandas as pd
 from .. import real_spheres
 from ..methods import SPHERE_METHODS
 from ..real_spheres import WHOLE
-from . import GREY, STYLE, TRUTH, new, publish
+from . import GREY, TRUTH, headed, new, publish
 
 # Methods that agree lie on one another: from the first to the last ever thinner, each is seen on the one below it.
 WIDTHS = dict(zip(SPHERE_METHODS, np.linspace(7.0, 1.2, len(SPHERE_METHODS)), strict=True))
@@ -37,7 +37,7 @@ def section(scan: str, half_thickness: float, half_width: float, stem: str) -> N
         circles.append(found.assign(half_width_mm=1e3 * width))
     axes[0].set(ylabel="across it (mm)", xlim=(-92, 96), ylim=(-76, 96))
     axes[0].annotate("to the scanner", (-90, -70), (-52, -70), va="center", arrowprops={"arrowstyle": "->", "color": TRUTH})
-    _question(figure, "Why do they fail? A slice seen from above")
+    headed(figure, "Why do they fail? A slice seen from above")
     figure.legend(handles=_section_legend(), loc="outside lower center", ncol=4)
     publish(figure, stem, pd.concat([points, *circles], ignore_index=True))
 
@@ -98,7 +98,7 @@ def errors(table: pd.DataFrame, limit_mm: float, stem: str) -> None:
     ax.plot([], [], "|", color=GREY, markersize=7, markeredgewidth=1.4, label="sd of the centre, as the fit states it")
     ax.plot([], [], color=TRUTH, linewidth=0.8, linestyle="--", label=f"{limit_mm:g} mm")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncol=6, columnspacing=1.2, handletextpad=0.3)
-    _question(figure, "How far is the centre off, and how far does the fit say it is?")
+    headed(figure, "How far is the centre off, and how far does the fit say it is?")
     publish(figure, stem, table[["half_width_mm", "scan", "method", "center_error_mm", "sd_center_mm"]])
 
 
@@ -126,9 +126,5 @@ def trimming(table: pd.DataFrame, stem: str) -> None:
     axes[0, 0].set_ylabel("distance from the reference centre (mm)")
     axes[0, 0].plot([], [], "o", **IDLE, label="ended before any weight changed")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncol=3)
-    _question(figure, "How tightly must a scan be trimmed? Points kept by their distance from the reference sphere")
+    headed(figure, "How tightly must a scan be trimmed? Points kept by their distance from the reference sphere")
     publish(figure, stem, table[["scan", "half_width_mm", "method", "points", "downweighted", "center_error_mm", "radius_error_mm"]])
-
-
-def _question(figure, text: str) -> None:
-    figure.suptitle(text, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"])

@@ -10,7 +10,7 @@ from ..methods import SPHERE_METHODS
 from ..robustness.bias import CENTROID
 from ..robustness.breakdown import GOOD_POINTS, PATTERNS
 from ..robustness.redraws import share_interval
-from . import GREY, STYLE, TRUTH, new, publish
+from . import GREY, TRUTH, headed, new, publish
 
 STEM = "05_robustness"
 LABELS = {name: method.label for name, method in SPHERE_METHODS.items()}
@@ -44,12 +44,6 @@ def _style(variant: str) -> dict:
     return {"color": colour, "marker": marker, "markersize": size, "linestyle": line, "markerfacecolor": face, "label": label}
 
 
-def _headed(figure, title: str, handles, columns: int) -> None:
-    """One title over all panels, one legend below them."""
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"])
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, columnspacing=1.4)
-
-
 def bias(table: pd.DataFrame, half_angle: float, sigma: float) -> None:
     """Bias of centre and radius against the half angle of the cap at noise `sigma` (m), and against the noise at `half_angle` (degrees)."""
     figure, axes = new(2, 2, height=6.0, sharex="col", sharey=True)
@@ -77,7 +71,7 @@ def bias(table: pd.DataFrame, half_angle: float, sigma: float) -> None:
         ax.set_yticks([-10, -1, -0.1, 0, 0.1, 1], ["−10", "−1", "−0.1", "0", "0.1", "1"])
         ax.minorticks_off()
         ax.set_ylabel(f"bias of the {words}")
-    _headed(figure, "Which methods are off in the mean? Centre (along the line of sight) and radius", handles, 3)
+    headed(figure, "Which methods are off in the mean? Centre (along the line of sight) and radius", handles, 3)
     publish(figure, f"{STEM}_bias", table)
 
 
@@ -98,7 +92,7 @@ def efficiency(table: pd.DataFrame) -> None:
     ax.set_xlim(0.97, 1.85)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("standard deviation of the centre relative to the orthogonal distance fit")
-    _headed(figure, "What does robustness cost on clean data?", [theory], 1)
+    headed(figure, "What does robustness cost on clean data?", [theory], 1)
     publish(figure, f"{STEM}_efficiency", table)
 
 
@@ -119,7 +113,7 @@ def breakdown(table: pd.DataFrame) -> None:
     axes[0].set_xticks(range(0, 51, 10))
     axes[0].set_ylabel("redraws with the centre within 10 mm / %")
     axes[0].set_ylim(-2, 102)
-    _headed(figure, "How many gross errors does each method bear?", handles, 3)
+    headed(figure, "How many gross errors does each method bear?", handles, 3)
     publish(figure, f"{STEM}_breakdown", table)
 
 
@@ -151,7 +145,7 @@ def coverage(table: pd.DataFrame) -> None:
         Line2D([], [], color=GREY, marker="o", linestyle="none", markerfacecolor="white" if share else GREY, label=words)
         for share, words in zip(shares, ["clean", *(f"{share:g} % gross errors" for share in shares[1:])], strict=True)
     ]
-    _headed(figure, "Can the stated covariance be believed? The 95 % ellipsoid of (a, b, c, r)", marks, 2)
+    headed(figure, "Can the stated covariance be believed? The 95 % ellipsoid of (a, b, c, r)", marks, 2)
     publish(figure, f"{STEM}_coverage", table)
 
 
@@ -196,7 +190,7 @@ def collapse(history: pd.DataFrame, redraws: pd.DataFrame, last: int) -> None:
     axes[1].set_yticks([1e-3, 1e-2, 1e-1, 1], ["0.001", "0.01", "0.1", "1"])
     for ax in axes[:2]:
         ax.minorticks_off()
-    _headed(figure, "Which scale eats up its own points? (500 good points, no gross error)", axes[0].get_legend_handles_labels()[0], 2)
+    headed(figure, "Which scale eats up its own points? (500 good points, no gross error)", axes[0].get_legend_handles_labels()[0], 2)
     shown = history[history["iteration"] <= last].assign(panel="one cloud")
     columns = ["panel", "variant", "iteration", "left", "sigma_mm", "percent", "low_percent", "high_percent"]
     publish(figure, f"{STEM}_collapse", pd.concat([shown, distribution.assign(panel="redraws")])[columns])

@@ -10,7 +10,7 @@ from ..methods import SPHERE_METHODS
 from ..origin import LABELS, RAW
 from ..readings import BREAKDOWN, NOTHING, SHARE, SIGMA_0, SPHERE
 from ..simulate import SPHERE_POINTS
-from . import STYLE, TRUTH, new, publish
+from . import TRUTH, headed, new, publish
 
 STEM = "02_sphere_methods"
 
@@ -71,7 +71,7 @@ def readings(changes: pd.DataFrame, sd_center: float) -> None:
     axes[0].set_ylim(len(names) - 0.4, -1.3)
     for marker, colour, filled, words in VERDICTS.values():
         axes[0].plot([], [], marker, color=colour, markerfacecolor=colour if filled else "white", markersize=6, label=words)
-    _headed(figure, "Which places of the paper, read in another way, give another sphere?", axes[0], 4)
+    headed(figure, "Which places of the paper, read in another way, give another sphere?", axes[0].get_legend_handles_labels()[0], 4)
     publish(figure, f"{STEM}_readings", changes)
 
 
@@ -100,7 +100,7 @@ def origin(answers: pd.DataFrame) -> None:
     axes[0].set_yticks([1, 10, 100, 1e3, 1e4], ["1", "10", "100", "1000", "10 000"])
     axes[1].set_ylim(0.2, 30)
     axes[1].set_yticks([0.2, 0.5, 1, 2, 5, 10, 20], ["0.2", "0.5", "1", "2", "5", "10", "20"])
-    _headed(figure, "The same points in other frames: which methods give the same sphere?", axes[0], 3)
+    headed(figure, "The same points in other frames: which methods give the same sphere?", axes[0].get_legend_handles_labels()[0], 3)
     publish(figure, f"{STEM}_origin", answers)
 
 
@@ -114,9 +114,3 @@ def _curve(panel, rows: pd.DataFrame, style: dict) -> None:
         arrow = {"arrowstyle": "-|>", "color": style["color"], "linewidth": 0.8}
         place = {"xytext": (-10, -36), "textcoords": "offset points", "ha": "right"}
         panel.annotate(f"{label}:\nlost in rounding", (first, last), **place, fontsize=7.5, color=style["color"], arrowprops=arrow)
-
-
-def _headed(figure, title: str, panel, columns: int) -> None:
-    """One title over all panels and one legend, of one panel, below them."""
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"])
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=columns, columnspacing=1.6)

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 from .. import table3
 from ..methods import SPHERE_METHODS
 from ..scanner import LEICA_C10
-from . import GREY, STYLE, TRUTH, new, publish
+from . import GREY, TRUTH, headed, new, publish
 
 PANELS = {
     "along_mm": ("Centre along the line of sight", "error / mm, away from the scanner →"),
@@ -52,7 +52,7 @@ def methods(table: pd.DataFrame, printed: pd.DataFrame, stem: str) -> None:
         face = GREY if filled else "white"
         marks.append(Line2D([], [], color=GREY, marker=marker, markerfacecolor=face, markersize=5, label=f"sphere {name}: median, 95 %"))
     figure.legend(handles=[*marks, Line2D([], [], **PRINTED, label="printed")], loc="outside lower center", ncols=3)
-    _question(figure, "What does each method make of a scan of a sphere alone?")
+    headed(figure, "What does each method make of a scan of a sphere alone?")
     publish(figure, stem, pd.concat([table, printed.assign(state="printed")], ignore_index=True))
 
 
@@ -92,9 +92,5 @@ def cleaning(table: pd.DataFrame, printed: pd.DataFrame, stem: str) -> None:
         ),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    _question(figure, "Does any noise with any cleaning give both printed rows?")
+    headed(figure, "Does any noise with any cleaning give both printed rows?")
     publish(figure, stem, pd.concat([table, printed], ignore_index=True))
-
-
-def _question(figure, text: str) -> None:
-    figure.suptitle(text, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"])

@@ -20,7 +20,7 @@ from ..paths import replacing
 from ..tunnel.changes import CLASSES
 from ..tunnel.comparison import ComparedSection, Comparison
 from ..tunnel.deformation import TWO_SIDED
-from . import GREY, STYLE, TRUTH, UNDATED, new, publish
+from . import GREY, TRUTH, UNDATED, headed, new, publish
 
 Publish = Callable[[Figure, str, pd.DataFrame], None]
 
@@ -118,8 +118,7 @@ def section(
     left.set_title(f"Changes drawn {times:g} times")
     handles = left.get_legend_handles_labels()[0] + right.get_legend_handles_labels()[0]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, columnspacing=1.0, handlelength=1.5)
-    title = f"How has the section at {compared.chainage:.2f} m changed?"
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"])
+    headed(figure, f"How has the section at {compared.chainage:.2f} m changed?")
     publish(figure, stem, data)
 
 
