@@ -68,6 +68,7 @@ test: $(ENVIRONMENT) ## unit tests and doctests; then every notebook run again a
 
 bench: $(ENVIRONMENT) ## time and memory of every method, beside another library's
 	@$(IN_VENV) -m analysis.project.bench
+	@$(IN_VENV) -m analysis.project.tunnel_bench
 
 lab: $(ENVIRONMENT) ## open the notebooks in JupyterLab
 	@$(IN_VENV) -m jupyterlab --notebook-dir=notebooks

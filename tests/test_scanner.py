@@ -22,7 +22,7 @@ from analysis.scanner import (
     scan_sphere_target,
     sphere_target_scene,
 )
-from analysis.scanner.scanning import RINGS, _disc
+from analysis.scanner.scanning import RINGS, disc_pattern
 
 CENTERS = [(0.0063, 5.8454, -1.6357), (1.3963, 3.7694, -1.6247)]  # of Ou & Liu's table 3, IGG III-WTLS, m
 CENTER = np.array(CENTERS[0])
@@ -298,7 +298,7 @@ def test_a_scene_may_stand_anywhere():
 
 
 def test_disc_pattern_fills_the_unit_disc():
-    pattern = _disc(RINGS)
+    pattern = disc_pattern(RINGS)
     assert len(pattern) == 61
     assert np.isclose(np.linalg.norm(pattern, axis=1).max(), 1.0)
     np.testing.assert_allclose(pattern.mean(axis=0), 0.0, atol=1e-15)

@@ -149,16 +149,88 @@ def test_limits_with_a_covariance_follow_the_direction():
     assert np.allclose(with_radius, np.hypot(limit, 0.002), rtol=1e-3)
 
 
-def test_statistic_is_the_dense_quadratic_form():
+def test_motion_and_shape_divide_the_dense_quadratic_form():
+    """Where the variances are known, δᵀ(D + AΣAᵀ)⁻¹δ = T² + χ², with p and m − p degrees of freedom."""
     rng, directions = np.random.default_rng(7), DIRECTIONS[::3]
     Sigma = np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-6
-    first, second = known(2.7, 0.001, 1e9, directions), known(2.7 + 0.002 * rng.standard_normal(len(directions)), 0.0015, 1e9, directions)
-    verdict = significance(first, second, registration=Sigma)
+    change = 0.002 * rng.standard_normal(len(directions)) + 0.005 * np.cos(directions)
+    # The mean of both is a circle, in which a motion is a cosine.
+    verdict = significance(*(known(2.7 + 0.5 * sign * change, 0.00125, 1e9, directions) for sign in (-1, 1)), registration=Sigma)
     A = np.stack([np.sin(directions), np.cos(directions)], axis=-1)
-    C = np.diag(np.full(len(directions), 0.001**2 + 0.0015**2)) + A @ Sigma @ A.T
+    D = np.diag(np.full(len(directions), 2 * 0.00125**2))
+    t = np.linalg.lstsq(A, verdict.delta)[0]
+    shape = np.sum((verdict.delta - A @ t) ** 2) / D[0, 0]
+    whole = verdict.delta @ np.linalg.solve(D + A @ Sigma @ A.T, verdict.delta)
     assert verdict.tested.all()
-    assert verdict.statistic == pytest.approx(verdict.delta @ np.linalg.solve(C, verdict.delta), rel=1e-4)  # radii's noise has a slope
-    assert verdict.p_value == pytest.approx(chi2.sf(verdict.statistic, len(directions)), rel=1e-9)
+    assert chi2.isf(verdict.p_shape, len(directions) - 2) == pytest.approx(shape, rel=1e-6)
+    assert chi2.isf(verdict.p_motion, 2) == pytest.approx(whole - shape, rel=1e-6)
+    assert verdict.p_value == 2 * verdict.p_motion < 0.1
+
+
+def uneven(B, rng, directions=DIRECTIONS[::10]):
+    """B pairs of epochs without deformation, in whose directions there are from 4 to 40 points of a noise that grows along them."""
+    points = rng.integers(4, 41, len(directions))
+    sd, freedom = np.linspace(0.002, 0.004, len(directions)) / np.sqrt(points), points - 3
+    for _ in range(B):
+        radii = []
+        for _ in range(2):
+            squares = rng.standard_normal((37, len(directions))) ** 2
+            s = sd * np.sqrt(np.sum(squares, axis=0, where=np.arange(37)[:, None] < freedom) / freedom)
+            noise = sd * rng.standard_normal(len(directions))
+            radii.append(replace(known(2.7 + noise, s, freedom, directions), count=points.astype(float)))
+        yield radii
+
+
+def test_each_part_of_the_test_of_a_section_keeps_its_level_with_few_and_uneven_points():
+    """Without a registration error, so that all rests on variances estimated with 1 to 37 degrees of freedom.
+
+    Weights from these variances, the best if they were known, give false alarms of a motion in twice as many sections.
+    """
+    B = 1500
+    verdicts = [significance(*pair) for pair in uneven(B, np.random.default_rng(13))]
+    motion, shape = (sum(p < LEVEL for p in of) for of in zip(*((v.p_motion, v.p_shape) for v in verdicts), strict=True))
+    assert no_more_than(LEVEL, motion, B) and no_more_than(LEVEL, shape, B)
+    assert motion > 0.6 * LEVEL * B  # and not by never finding one
+    assert no_more_than(LEVEL, sum(v.changed for v in verdicts), B)
+
+
+def test_a_motion_is_found_as_a_motion_and_a_squat_as_a_shape():
+    rng, directions = np.random.default_rng(14), DIRECTIONS[::10]
+    noise = 0.001 * rng.standard_normal((2, len(directions)))
+
+    def verdict(change):
+        epochs = (known(2.7 + error, 0.001, 10, directions) for error in (noise[0], noise[1] + change))
+        return significance(*epochs, registration=0.0014)
+
+    moved, squashed = verdict(0.008 * np.cos(directions - 0.5)), verdict(0.003 * np.cos(2 * directions))
+    assert moved.p_motion < 1e-4 and moved.p_shape > LEVEL and moved.changed
+    assert squashed.p_shape < 1e-4 and squashed.p_motion > LEVEL and squashed.changed
+
+
+def test_no_registration_error_touches_the_shape():
+    rng, directions = np.random.default_rng(15), DIRECTIONS[::10]
+    first, second = (known(2.7 + 0.001 * rng.standard_normal(len(directions)), 0.001, 10, directions) for _ in range(2))
+    shapes = {significance(first, second, registration=sd).p_shape for sd in (0.0, 0.001, 0.1)}
+    assert len(shapes) == 1 and 0 < shapes.pop() < 1
+    motions = [significance(first, second, registration=sd).p_motion for sd in (0.0, 0.001, 0.1)]
+    assert motions == sorted(motions)
+
+
+@pytest.mark.parametrize(("degrees", "testable"), [([10.0], False), ([10.0, 80.0], False), ([10.0, 80.0, 150.0], True)])
+def test_what_could_all_be_a_motion_has_no_shape(degrees, testable):
+    directions = np.radians(degrees)
+    first, second = known(2.7, 0.001, 10.0, directions), known(2.7 + 0.01 * np.cos(3 * directions), 0.001, 10.0, directions)
+    verdict = significance(first, second)
+    assert verdict.p_motion < 0.01 and (verdict.p_shape < 1) == testable
+    assert significance(first, second, registration=0.05).p_motion > 0.5
+
+
+def test_few_directions_say_little_and_flag_nothing():
+    delta = np.full(100, np.nan)
+    delta[:24] = 0.02
+    assert not flagged(delta) and share_beyond(delta) == 1.0
+    delta[24] = 0.02
+    assert flagged(delta)
 
 
 @pytest.mark.parametrize("freedom", [2, 5, 30])

@@ -13,11 +13,12 @@ from analysis.tunnel.sections import DIRECTIONS
 LENGTH, RADIUS, NOISE = 6.0, 2.7, 0.002
 AXIS = straight([0.0, 0.0, 0.0], [0.0, LENGTH, 0.0])
 CHAINAGES = [0.5, 3.0, 5.5]
+OPEN_TO = np.radians(145.0)  # the invert is hidden beyond
 CUT = {"chainages": CHAINAGES, "thickness": 0.4}
 MIDDLE = 1  # the section where the ring is ovalised most
 
 
-def tube(seed, *, ovalised=0.0, count=8_000, start=0.0, end=LENGTH, open_to=np.radians(145.0)):
+def tube(seed, *, ovalised=0.0, count=8_000, start=0.0, end=LENGTH, open_to=OPEN_TO):
     """Points of a round tunnel along Y, its invert hidden; ``ovalised`` (m): down at the crown and out at the sides around the middle."""
     rng = np.random.default_rng(seed)
     alpha, y = rng.uniform(-open_to, open_to, count), rng.uniform(start, end, count)

@@ -240,12 +240,14 @@ def grid_and_points(n=40_000, seed=0):
     return grid, generator.uniform(-np.pi, np.pi, n), generator.uniform(2.0, 5.0, n), generator
 
 
-def test_smoothing_is_the_penalised_least_squares_of_the_dense_system():
-    grid = lining_surface.PixelGrid.of(0.2, 0.0, 0.5, 40)
-    assert grid.across.shape == (25, 8) and grid.along.shape == (10, 4)
+@pytest.mark.parametrize("place, unknowns", [((0.2, 0.0, 0.5, 40), (8, 4)), ((R, 2.0, 5.0, 2_000), (24, 7))])
+def test_smoothing_is_the_penalised_least_squares_of_the_dense_system(place, unknowns):
+    grid = lining_surface.PixelGrid.of(*place)
+    assert (grid.across.shape[1], grid.along.shape[1]) == unknowns
     generator = np.random.default_rng(0)
     weights, values = generator.uniform(0, 2, grid.shape), generator.standard_normal(grid.shape)
-    B = np.kron(grid.across, grid.along)
+    weights[: len(weights) // 3] = 0.0
+    B = np.kron(grid.across.toarray(), grid.along.toarray())
     N = B.T @ (weights.ravel()[:, None] * B) + lining_surface.RIDGE * np.eye(B.shape[1])
     dense = B @ np.linalg.solve(N, B.T @ (weights * values).ravel())
     np.testing.assert_allclose(grid.smoothed(weights, values).ravel(), dense, atol=1e-12)

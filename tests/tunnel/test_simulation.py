@@ -21,6 +21,7 @@ from analysis.tunnel.simulation import (
     scan_station,
     section_points,
     section_scan,
+    slab,
     survey,
 )
 from analysis.tunnel.simulation.campaign import NET_SD, STATIONS, TARGET_SD, cast_beams, station_grid
@@ -33,7 +34,7 @@ TUNNEL = default_tunnel()
 SMOOTH = replace(TUNNEL, lining=Lining(np.zeros((109, 6))))
 EPOCHS = survey(TUNNEL)
 LINE = replace(RIEGL_VZ400, beam_diameter=0.0, beam_divergence=0.0)  # a beam without width
-IN_LINING = [CODES[name] for name in ("lining", "joint", "bolt pocket", "grouting hole")]
+IN_LINING = [CODES[name] for name in ("lining", "joint", "bolt pocket", "grouting hole", "bolt")]
 
 
 @pytest.fixture(scope="module")
@@ -178,6 +179,28 @@ def test_a_ray_goes_on_to_the_bottom_or_to_the_far_wall_of_a_recess():
     assert plain[0][0] == -1 and plain[1][0] == 0
 
 
+@pytest.mark.parametrize(("chainage", "mirrored"), [(12.24, 1), (12.96, -1)])
+def test_a_ray_into_a_pocket_ends_where_a_walk_along_it_does(chainage, mirrored):
+    """A pocket of 16 cm by 10 cm and 6 cm depth, in its middle a bolt of 4 cm by 4 cm that ends 3 cm behind the face."""
+    rng, rho, count, step = np.random.default_rng(5), 2.7, 1000, 2e-4
+    mouth = np.stack([rng.uniform(-0.08, 0.08, count), rng.uniform(-0.05, 0.05, count), np.zeros(count)])
+    ray = np.stack([*rng.standard_normal((2, count)), np.abs(rng.standard_normal(count)) + 0.1])
+    ray /= np.linalg.norm(ray, axis=0)
+    joint = np.pi / 12  # of an even ring
+    alpha = joint + mirrored * 0.20 / rho + mouth[1] / rho
+    which, extra, cosines = TUNNEL.lining.recess(alpha, chainage + mouth[0], np.full(count, rho), *ray)
+    at = mouth[:, None, :] + np.arange(step, 0.25, step)[:, None] * ray[:, None, :]
+    on_bolt = (np.abs(at[0]) < 0.02) & (np.abs(at[1]) < 0.02) & (at[2] > 0.03)
+    beyond = (np.abs(at[0]) > 0.08) | (np.abs(at[1]) > 0.05) | (at[2] > 0.06)
+    end = np.argmax(on_bolt | beyond, axis=0)
+    met = on_bolt[end, np.arange(count)]
+    names = np.array(NAMES)[CODES["lining"] + 1 + which]
+    assert np.count_nonzero(met) > 80 and np.mean(names == np.where(met, "bolt", "bolt pocket")) > 0.99  # but for edges
+    same = (names == "bolt") == met
+    np.testing.assert_allclose(extra[same], step * (1 + end[same]), rtol=0.0, atol=2 * step)
+    assert cosines[names == "bolt"].min() >= 1 / np.sqrt(3)
+
+
 # ----------------------------------------------------------------------------------- casting
 
 
@@ -200,6 +223,10 @@ def test_every_label_is_where_it_says(truth):
     for name, depth in (("joint", 0.022), ("bolt pocket", 0.06), ("grouting hole", 0.06)):
         behind = distances[codes == CODES[name]]
         assert behind.max() < depth + 0.006 and np.median(behind) > 0.002  # a joint may end on the higher of two segments
+    bolt = codes == CODES["bolt"]
+    from_ring_joint = np.abs(s[bolt] - 1.2 * np.round(s[bolt] / 1.2))
+    assert bolt.any() and np.abs(from_ring_joint - 0.24).max() < 0.0205
+    assert distances[bolt].min() > 0.025 and distances[bolt].max() < 0.065  # 30 to 60 mm but for steps between rings
     np.testing.assert_allclose(v[codes == CODES["track bed"]], furniture.bed, atol=1e-9)
     walk = codes == CODES["catwalk"]
     on_top, on_edge = np.abs(v[walk] - furniture.catwalk.top) < 1e-9, np.abs(u[walk] - furniture.catwalk.edge) < 1e-6
@@ -437,6 +464,21 @@ def test_section_is_the_slab_of_the_campaign():
     assert np.count_nonzero(slab) > 100
     np.testing.assert_array_equal(alone.points[near], points[slab])
     np.testing.assert_array_equal(alone.codes[near], codes[slab])
+
+
+@pytest.mark.parametrize("epoch", EPOCHS, ids=["first", "second"])
+def test_a_slab_is_found_in_the_columns_that_look_at_it(monkeypatch, epoch):
+    """The same points, whether the grid is walked through column by column or in blocks of half of the circle."""
+    chainages = (5.0, 43.0, 71.2, 105.0, 125.0)  # up to 30 m before and behind the stations, and beside one
+    at_once = [section_scan(TUNNEL, epoch.stations, chainage, DENSITY, thickness=0.4) for chainage in chainages]
+    monkeypatch.setattr(slab, "BLOCK", len(station_grid(DENSITY).elevations))
+    for section, chainage in zip(at_once, chainages, strict=True):
+        by_column = section_scan(TUNNEL, epoch.stations, chainage, DENSITY, thickness=0.4)
+        assert len(section) > 5
+        for name in ("codes", "stations"):
+            np.testing.assert_array_equal(getattr(by_column, name), getattr(section, name))
+        for name in ("points", "roots"):
+            np.testing.assert_allclose(getattr(by_column, name), getattr(section, name), rtol=0.0, atol=1e-9)
 
 
 def test_redrawn_sections_have_the_scanner_s_noise_and_a_shift_in_common():

@@ -212,21 +212,27 @@ def patches(stack, methods, repeats=2):
 
 
 def with_verdicts(table, limits):
-    """The table with a column that says whether each method keeps the limits: ok, short, or nothing where none is stated."""
-    verdicts = []
+    """The table with a column: whether what its first column names keeps the limits, ok or short, or nothing where none is stated."""
+    verdicts, named = [], table.columns[0]
     for row in table.to_dict("records"):
         kept = [
             row[asked.quantity] <= asked.limit if asked.rule == "at most" else row[asked.quantity] >= asked.limit
             for asked in limits.itertuples()
-            if (row["method"] in asked.methods if asked.methods else row["method"] != PEER)
+            if (row[named] in asked.methods if asked.methods else row[named] != PEER)
         ]
         verdicts.append("" if not kept else "ok" if all(kept) else "short")
     return table.assign(verdict=verdicts)
 
 
-def report(run, table, decimals):
+def stated(limits):
+    """The limits as text."""
+    named = limits.assign(methods=[", ".join(names) if names else "all" for names in limits["methods"]])
+    return f"Limits\n{tables.text(named, {'limit': '.9g'})}\n"
+
+
+def report(run, table, decimals, limits=LIMITS):
     """The table of a run with its heading and verdicts, as text."""
-    judged = with_verdicts(table, LIMITS[LIMITS["run"] == run])
+    judged = with_verdicts(table, limits[limits["run"] == run])
     return f"{run}\n{tables.text(judged, decimals)}\n"
 
 
@@ -234,8 +240,7 @@ def main():
     """Command line."""
     warnings.simplefilter("ignore", analysis.ConvergenceWarning)  # speed is measured here, not convergence
     methods = list(analysis.SPHERE_METHODS)
-    stated = LIMITS.assign(methods=[", ".join(names) if names else "all" for names in LIMITS["methods"]])
-    print("Limits\n" + tables.text(stated, {"limit": ".9g"}) + "\n")
+    print(stated(LIMITS))
 
     one = single(simulate.read_sphere_cloud(gross=True), methods)
     print(report(f"{ONE} points", one, 2))

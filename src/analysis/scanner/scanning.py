@@ -279,7 +279,7 @@ def _covers_two_ranges(scene, scanner, station, beams, ranges, normals) -> np.nd
 
     That surface is taken as its tangent plane; elsewhere is farther from it along the ray than the beam is wide.
     """
-    origins, directions = _footprint(scanner, station, beams, _disc(1)[1:])
+    origins, directions = footprint_rays(scanner, station, beams, disc_pattern(1)[1:])
     rim, _ = scene.first_hit(origins, directions)
     with np.errstate(divide="ignore", invalid="ignore"):  # a ray along the plane meets it nowhere: infinite, so elsewhere
         feet = station + ranges[:, None] * beams
@@ -291,10 +291,10 @@ def _covers_two_ranges(scene, scanner, station, beams, ranges, normals) -> np.nd
 def _mixture(scene, scanner, station, beams) -> tuple[np.ndarray, np.ndarray]:
     """Ranges (k,) that beams over an edge record, and the mean cosines of incidence in their footprints."""
     ranges, cosines = np.empty(len(beams)), np.empty(len(beams))
-    pattern = _disc(RINGS)
+    pattern = disc_pattern(RINGS)
     gauss = np.exp(-2.0 * np.sum(pattern**2, axis=-1))[:, None]
     for part in pieces(len(beams), BLOCK // len(pattern)):
-        origins, directions = _footprint(scanner, station, beams[part], pattern)
+        origins, directions = footprint_rays(scanner, station, beams[part], pattern)
         at, hit = scene.first_hit(origins, directions)
         met = hit >= 0
         at = np.where(met, at, 1.0)
@@ -307,7 +307,7 @@ def _mixture(scene, scanner, station, beams) -> tuple[np.ndarray, np.ndarray]:
     return ranges, cosines
 
 
-def _footprint(scanner: Scanner, station, beams, pattern) -> tuple[np.ndarray, np.ndarray]:
+def footprint_rays(scanner: Scanner, station, beams, pattern) -> tuple[np.ndarray, np.ndarray]:
     """Origins and unit directions (s, k, 3) of the rays of each beam (k, 3) that cross it at the ``pattern`` (s, 2)."""
     horizontal, upwards = across(beams)
     aside = pattern[:, 0, None, None] * horizontal + pattern[:, 1, None, None] * upwards
@@ -316,7 +316,7 @@ def _footprint(scanner: Scanner, station, beams, pattern) -> tuple[np.ndarray, n
     return station + 0.5 * scanner.beam_diameter * aside, directions
 
 
-def _disc(rings: int) -> np.ndarray:
+def disc_pattern(rings: int) -> np.ndarray:
     """(1 + 3·rings·(rings + 1), 2) points spread evenly over the unit disc: the centre, then rings of 6, 12, … points."""
     points = [np.zeros((1, 2))]
     for ring in range(1, rings + 1):

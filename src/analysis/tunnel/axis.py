@@ -111,7 +111,7 @@ class Axis:
             piece = self._piece(inside)
             c = np.take(self.coefficients, piece, axis=-1)
             h = inside - self.breaks[piece]
-        slope = c[1] + h * (2.0 * c[2] + h * (3.0 * c[3]))
+        slope = _slope(c, h)
         value = c[0] + h * (c[1] + h * (c[2] + h * c[3])) + (y - inside) * slope
         return value, slope, np.where(y == inside, 2.0 * c[2] + h * (6.0 * c[3]), 0.0)
 
@@ -136,7 +136,7 @@ class Axis:
         y = np.asarray(y, dtype=float)
         inside = np.clip(y, *self.y_range)
         piece = self._piece(inside)
-        return self._lengths[piece] + self._arc(self.breaks[piece], inside) + (y - inside) * self._speed(inside)
+        return self._lengths[piece] + self._arc(piece, inside) + (y - inside) * self._speed(inside)
 
     def at_chainage(self, s) -> np.ndarray:
         """Local y (…) at arc lengths (…), by Newton."""
@@ -200,16 +200,26 @@ class Axis:
         k, m = self.local_curve(y)[1]
         return np.sqrt(1.0 + k * k + m * m)
 
-    def _arc(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Arc length within one piece: 16 Gauss points, because the speed is the root of a polynomial and smooth."""
+    def _arc(self, piece: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Arc length from the beginning of pieces to local y in them: 16 Gauss points, because the speed is smooth."""
         nodes, weights = np.polynomial.legendre.leggauss(16)
-        half = 0.5 * (end - start)
-        return half * sum(w * self._speed(start + half * (1.0 + node)) for node, w in zip(nodes, weights, strict=True))
+        c = np.take(self.coefficients, piece, axis=-1)
+        half = 0.5 * (end - self.breaks[piece])
+        total = np.zeros_like(half)
+        for node, weight in zip(nodes, weights, strict=True):
+            k, m = _slope(c, half * (1.0 + node))
+            total += weight * np.sqrt(1.0 + k * k + m * m)
+        return half * total
 
     @cached_property
     def _lengths(self) -> np.ndarray:
         """Arc length from the first end to every break."""
-        return np.concatenate([[0.0], np.cumsum(self._arc(self.breaks[:-1], self.breaks[1:]))])
+        return np.concatenate([[0.0], np.cumsum(self._arc(np.arange(len(self.breaks) - 1), self.breaks[1:]))])
+
+
+def _slope(c: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """First derivative at h of cubics with coefficients c (4, …)."""
+    return c[1] + h * (2.0 * c[2] + h * (3.0 * c[3]))
 
 
 def straight(start, end) -> Axis:
@@ -453,8 +463,8 @@ def _slab_centers(points: np.ndarray, axis: Axis, slab: float) -> tuple[np.ndarr
 
 
 def _group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Median of the values of each of ``count`` groups, NaN where there are none."""
-    order = np.lexsort((values, group))
+    """Median of the values (n,), none negative, of each of ``count`` groups; NaN where there are none."""
+    order = np.argsort(group + 0.5 * values / values.max())  # one number sorts faster than two
     values = values[order]
     present, starts, sizes = np.unique(group[order], return_index=True, return_counts=True)
     medians = np.full(count, np.nan)

@@ -5,6 +5,7 @@ the lining has moved outwards.
 
 References
 ----------
+Krishnamoorthy & Yu (2004), Statistics & Probability Letters 66, 161-169 (means of several components, variances unknown).
 Lague, Brodu & Leroux (2013), ISPRS Journal of Photogrammetry and Remote Sensing 82, 10-26 (level of detection).
 Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point clouds.
 Welch (1947), Biometrika 34, 28-35.
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from scipy.stats import chi2, norm
+from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from ..accuracy import solve
@@ -29,8 +31,10 @@ LIMITS = (0.006, 0.012)  # m, between the classes
 CLASSES = ("black", "blue", "red")
 GAP = "gap"
 SHARE = 0.30  # of a section's directions beyond the first limit; not printed
+LEAST_SEEN = 0.25  # of the directions, for a section to be flagged
 LEVEL = 0.05
 ROUNDING = 1e-9  # m; a standard deviation below is rounding
+SMALLEST_SINGULAR = 1e-6  # of the largest singular value; below, components of a motion are the same in all directions seen
 LARGEST_NORMAL = 37.0  # standard deviations; beyond, probabilities are below the smallest number
 
 
@@ -83,14 +87,20 @@ def share_beyond(delta, limit: float = LIMITS[0]) -> float:
 
 
 def flagged(delta, *, share: float = SHARE, limit: float = LIMITS[0]) -> bool:
-    """Whether a section is to be analysed further: the share of its directions beyond ``limit`` exceeds ``share``.
+    """Whether a section is to be analysed further: the share of its directions seen that is beyond ``limit`` exceeds ``share``.
 
-    Source: Li et al. (2015), section on change detection; the share is not printed.
+    Not where less than a quarter of the directions is seen in both epochs: of a handful the noise of single points makes any
+    share. :func:`significance` knows how little few directions say and tests all sections.
+
+    Source: Li et al. (2015), section on change detection; the shares are not printed.
 
     >>> flagged([0.001, -0.008, 0.02, 0.0]), flagged([0.001, -0.008, 0.02, 0.0], share=0.5)
     (True, False)
+    >>> flagged([0.008, np.nan, np.nan, np.nan, np.nan])
+    False
     """
-    return share_beyond(delta, limit) > positive(share, "share")
+    share = positive(share, "share")
+    return share_beyond(delta, limit) > share and bool(np.mean(~np.isnan(delta)) >= LEAST_SEEN)
 
 
 def _limits(limits) -> np.ndarray:
@@ -107,13 +117,15 @@ def _limits(limits) -> np.ndarray:
 class Significance:
     """Differences of one section with what they are worth; arrays (J,), NaN at gaps.
 
+    The section as a whole is tested twice, at half the level each: for a motion, and for what is left without one.
+
     delta : m; sd : its standard deviation with that of the registration, m; freedom : its degrees of freedom
     limit : level of detection in each direction by itself, m
     significant : bool, |δ| > limit
-    tested : bool, the directions of the test of the whole section: those that share no points
-    statistic : of the test of the whole section, χ² with as many degrees of freedom as directions tested
-    p_value : probability of a statistic so large without deformation
-    level : of significance of both tests
+    tested : bool, the directions of the tests of the whole section: those that share no points
+    p_motion, p_shape : probabilities of statistics so large without deformation; of the shape 1 for so few directions that
+        any of their differences could be a motion
+    level : of significance, of each direction and of the section
     """
 
     delta: np.ndarray
@@ -122,9 +134,14 @@ class Significance:
     limit: np.ndarray
     significant: np.ndarray
     tested: np.ndarray
-    statistic: float
-    p_value: float
+    p_motion: float
+    p_shape: float
     level: float
+
+    @property
+    def p_value(self) -> float:
+        """``min(1, 2 min(p_motion, p_shape))``: of a section without deformation at most as often below α as α (Bonferroni)."""
+        return min(1.0, 2.0 * min(self.p_motion, self.p_shape))
 
     @property
     def changed(self) -> bool:
@@ -143,12 +160,22 @@ def significance(first: Radii, second: Radii, *, registration=0.0, level: float 
         σ_j² = s₁²/n₁ + s₂²/n₂ + a_jᵀ Σ a_j,   LoD_j = q_j σ_j,   q_j Student's quantile with Welch's degrees of freedom
 
     (Lague et al. 2013 add the registration error to the standard deviation instead.) A direction by itself is significant
-    when ``|δ_j| > LoD_j``: of J directions without deformation a share of ``level`` is so by chance. The section has changed when
+    when ``|δ_j| > LoD_j``: of J directions without deformation a share of ``level`` is so by chance.
 
-        T = δᵀ (D + A Σ Aᵀ)⁻¹ δ
+    Whether the section as a whole has changed is asked of m directions that share no points, D the variances of the points' part.
+    A *motion* (of p components, two or, with a common change of the radii, three) looks like a registration error, and must be too
+    large for one:
 
-    exceeds the χ² quantile, D the variances of the points' part, each enlarged to the normal deviate of the same
-    probability as Student's, over directions that share no points.
+        y = Q̃ᵀW^½δ,   S = Q̃ᵀW^½(D + A Σ Aᵀ)W^½Q̃,   T² = yᵀS⁻¹y,   W^½A = Q̃R̃,   1/w = 1/n₁ + 1/n₂
+
+    T² is Hotelling's with p components and ν degrees of freedom, ``T²(ν − p + 1)/(νp)`` an F(p, ν − p + 1). The weights come from
+    the numbers of points: variances estimated from few points would choose the directions whose own variance is too small.
+    The *shape* is what no motion explains, however large, so that no registration error can touch it:
+
+        χ² = δᵀD⁻¹(δ − A t̂),   t̂ = (AᵀD⁻¹A)⁻¹AᵀD⁻¹δ,   m − p degrees of freedom,
+
+    each variance enlarged to the normal deviate of the same probability as Student's. The section has changed when either is
+    improbable by half the level, so that both together keep it.
 
     Parameters
     ----------
@@ -161,7 +188,7 @@ def significance(first: Radii, second: Radii, *, registration=0.0, level: float 
     ------
     ValueError : other directions, radii without standard deviations, no direction seen in both epochs, no covariance matrix.
 
-    Source: Lague et al. (2013), eq. (1), in quadrature; Welch (1947); Winiwarter et al. (2021).
+    Source: Lague et al. (2013), eq. (1), in quadrature; Welch (1947); Winiwarter et al. (2021); Krishnamoorthy & Yu (2004), ν.
 
     >>> def radii(r):
     ...     J = np.ones(4)
@@ -188,10 +215,12 @@ def significance(first: Radii, second: Radii, *, registration=0.0, level: float 
     limit = student.isf(0.5 * level, np.where(seen, freedom, 1.0)) * sd
     sd, freedom, limit = (np.where(seen, values, np.nan) for values in (sd, freedom, limit))
     tested = _disjoint(first.directions, np.maximum(first.reach, second.reach), seen)
-    points = _welch(parts, (first.freedom, second.freedom), 0.0)
-    statistic = _statistic(delta[tested], (parts[0] + parts[1])[tested], points[tested], A[tested], Sigma)
-    p_value = float(chi2.sf(statistic, np.count_nonzero(tested)))
-    return Significance(delta, sd, freedom, limit, seen & (np.abs(delta) > limit), tested, statistic, p_value, level)
+    variance, points = parts[0] + parts[1], _welch(parts, (first.freedom, second.freedom), 0.0)
+    noise = variance[tested], points[tested]
+    root = 1.0 / np.sqrt(1.0 / first.count[tested] + 1.0 / second.count[tested])
+    p_motion = _motion(delta[tested], *noise, root, A[tested], Sigma)
+    p_shape = _shape(delta[tested], *noise, _basis(A[tested]))
+    return Significance(delta, sd, freedom, limit, seen & (np.abs(delta) > limit), tested, p_motion, p_shape, level)
 
 
 def _common_mode(directions: np.ndarray, radius: np.ndarray, registration) -> tuple[np.ndarray, np.ndarray]:
@@ -237,17 +266,39 @@ def _disjoint(directions: np.ndarray, reach: np.ndarray, seen: np.ndarray) -> np
     return chosen
 
 
-def _statistic(delta, variance, freedom, A, Sigma) -> float:
-    """``δᵀ(D + AΣAᵀ)⁻¹δ = δᵀD⁻¹(δ − A t̂)`` with ``t̂ = (I + Σ AᵀD⁻¹A)⁻¹ Σ AᵀD⁻¹δ``; D hangs on what t̂ leaves, so in turn."""
+def _basis(A: np.ndarray) -> np.ndarray:
+    """(m, p) orthonormal columns that span those of A, p its rank."""
+    U, singular, _ = np.linalg.svd(A, full_matrices=False)
+    return U[:, singular > SMALLEST_SINGULAR * singular[0]]
+
+
+def _motion(delta, variance, freedom, root, A, Sigma) -> float:
+    """Probability of so large a motion by noise and registration error; ``root`` (m,) of the weights."""
+    Q = _basis(root[:, None] * A)
+    y, components, common = Q.T @ (root * delta), Q * (root * np.sqrt(variance))[:, None], Q.T @ (root[:, None] * A)
+    S = components.T @ components + common @ Sigma @ common.T
+    p = len(S)
+    # Of the estimated parts of S, each of rank one, in units of S.
+    parts = np.sum(components * solve(S, components.T).T, axis=-1)
+    nu = 0.5 * (p + p**2) / np.sum(parts**2 / freedom)
+    T2 = float(y @ solve(S, y[:, None])[:, 0])
+    return float(fisher.sf(T2 * (nu - p + 1) / (nu * p), p, nu - p + 1)) if nu > p - 1 else 1.0
+
+
+def _shape(delta, variance, freedom, basis) -> float:
+    """Probability of so large differences beside any motion, which ``basis`` (m, p) spans. D hangs on what t̂ leaves, so in turn."""
+    redundancy = len(delta) - basis.shape[1]
+    if redundancy == 0:
+        return 1.0
     D = variance
     for _ in range(100):
-        weighted = Sigma @ (A.T / D)
-        shift = solve(np.eye(len(Sigma)) + weighted @ A, (weighted @ delta)[:, None])[:, 0]
-        residual = delta - A @ shift
+        root = np.sqrt(D)
+        motion = np.linalg.lstsq(basis / root[:, None], delta / root, rcond=None)[0]
+        residual = delta - basis @ motion
         D, before = variance * _enlargement(residual / np.sqrt(variance), freedom), D
         if np.allclose(D, before, rtol=1e-6, atol=0.0):
             break
-    return float(np.sum(delta * residual / before))
+    return float(chi2.sf(np.sum(residual**2 / before), redundancy))
 
 
 def _enlargement(t: np.ndarray, freedom: np.ndarray) -> np.ndarray:

@@ -4,18 +4,21 @@ The surface s(α, w) is a tensor product of cubic B-splines, periodic in α. The
 is wider than that and is followed, a cable or a lamp is narrower and is left standing off. What covers the wall over more
 than about 0.3 m in every direction, but stands off by less than the surface's reach, cannot be told from a dent.
 
-The points are summed on a grid of pixels of 5 cm, so that an iteration costs a few sums over the points and one small system;
-its matrix comes from the grid by two products (Eilers, Currie & Durbán 2006). The iteration is reweighted least squares: first with weights
-1/|e|, whose limit is a median surface that a local minority does not move, then from there with IGG III weights.
+The points are summed on a grid of pixels of 5 cm, so that an iteration costs a few sums over the points and one small system.
+Its matrix comes from the grid by two products (Eilers, Currie & Durbán 2006); they are sparse and the matrix is banded, because
+a B-spline overlaps with few others. The iteration is reweighted least squares: first with weights 1/|e|, whose limit is a median
+surface that a local minority does not move, then from there with IGG III weights.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import solveh_banded
+from scipy.sparse import csr_array
 
 from ..weights import IGG3
 
@@ -40,8 +43,8 @@ class PixelGrid:
 
     start: float
     end: float
-    across: np.ndarray
-    along: np.ndarray
+    across: csr_array
+    along: csr_array
 
     @classmethod
     def of(cls, radius: float, start: float, end: float, count: int) -> PixelGrid:
@@ -54,7 +57,7 @@ class PixelGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        return len(self.across), len(self.along)
+        return self.across.shape[0], self.along.shape[0]
 
     def places(self, angle: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """α and w in pixels, from the edge of the first one."""
@@ -80,31 +83,45 @@ class PixelGrid:
 
     def smoothed(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Values (Pα, Pw) of the spline that fits ``values`` with ``weights`` by least squares, at the pixel centres."""
-        N = _products(self.across).T @ weights @ _products(self.along)
+        across, along, lower, diagonal, column = self._equations
         k, m = self.across.shape[1], self.along.shape[1]
-        N = N.reshape(k, k, m, m).transpose(0, 2, 1, 3).reshape(k * m, k * m)
-        N[np.diag_indices(k * m)] += RIDGE
+        N = np.zeros((diagonal.max() + 1, k * m))  # the diagonals of its lower half
+        N[diagonal, column] = (across @ weights @ along.T)[lower]
+        N[0] += RIDGE
         right = self.across.T @ (weights * values) @ self.along
-        coefficients = cho_solve(cho_factor(N), right.ravel())
+        coefficients = solveh_banded(N, right.ravel(), lower=True)
         return self.across @ coefficients.reshape(k, m) @ self.along.T
 
+    @cached_property
+    def _equations(self) -> tuple[csr_array, csr_array, np.ndarray, np.ndarray, np.ndarray]:
+        """For the normal matrix: products of basis functions across and along, which of their products lie in its lower half, and where."""
+        (p, q), across = _overlapping(self.across)
+        (r, s), along = _overlapping(self.along)
+        m = self.along.shape[1]
+        row, column = np.add.outer(p * m, r), np.add.outer(q * m, s)
+        lower = row >= column
+        return across, along, lower, (row - column)[lower], column[lower]
 
-def _products(basis: np.ndarray) -> np.ndarray:
-    """All products of two basis functions, (P, K²)."""
-    return (basis[:, :, None] * basis[:, None, :]).reshape(len(basis), -1)
+
+def _overlapping(basis: csr_array) -> tuple[np.ndarray, csr_array]:
+    """Pairs (2, L) of basis functions that overlap, and their products (L, P)."""
+    pairs = np.array((basis.T @ basis).nonzero())
+    basis = basis.toarray().T
+    return pairs, csr_array(basis[pairs[0]] * basis[pairs[1]])
 
 
-def _open_basis(x: np.ndarray, intervals: int) -> np.ndarray:
+def _open_basis(x: np.ndarray, intervals: int) -> csr_array:
     """Cubic B-splines over ``intervals`` equal parts of [0, 1] at x, (n, intervals + 3)."""
     knots = np.arange(-3, intervals + 4) / intervals
-    return BSpline.design_matrix(x, knots, 3).toarray()
+    return BSpline.design_matrix(x, knots, 3)
 
 
-def _periodic_basis(x: np.ndarray, intervals: int) -> np.ndarray:
-    """The same, periodic: (n, intervals)."""
-    basis = _open_basis(x, intervals)
+def _periodic_basis(x: np.ndarray, intervals: int) -> csr_array:
+    """The same, periodic: (n, intervals), in the order 0, −1, 1, −2, … in which neighbours on the ring stay near one another."""
+    basis = _open_basis(x, intervals).toarray()
     basis[:, :3] += basis[:, -3:]
-    return basis[:, :-3]
+    place = np.arange(intervals)
+    return csr_array(basis[:, np.where(place % 2, -(place + 1) // 2, place // 2) % intervals])
 
 
 def median_scale(residuals: np.ndarray) -> float:

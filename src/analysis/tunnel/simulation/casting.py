@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scanner import MIXED, Scanner
-from ...scanner.scanning import _disc, _footprint
+from ...scanner.scanning import disc_pattern, footprint_rays
 from .alignment import Alignment, from_nearest
 from .furniture import Catwalk, Person, Tube, WallBox
 from .tunnel import CODES, Tunnel
@@ -351,7 +351,7 @@ def _mix(tunnel, epoch, scanner, station, beams, hits: Hits, width, edges: np.nd
     other = (codes != hits.codes[edges]) & np.isfinite(at) & (np.abs(at - hits.ranges[edges]) > width[edges])
     edges = edges[other.any(axis=0)]
     at, codes, cosines = _footprint_hits(tunnel, epoch, scanner, station, beams[edges], RINGS)
-    gauss = np.exp(-2.0 * np.sum(_disc(RINGS) ** 2, axis=-1))[:, None] * np.isfinite(at)
+    gauss = np.exp(-2.0 * np.sum(disc_pattern(RINGS) ** 2, axis=-1))[:, None] * np.isfinite(at)
     at = np.where(np.isfinite(at), at, 1.0)
     power = gauss * cosines / at**2
     hits.ranges[edges] = np.sum(power * at, axis=0) / np.sum(power, axis=0)
@@ -361,7 +361,7 @@ def _mix(tunnel, epoch, scanner, station, beams, hits: Hits, width, edges: np.nd
 
 def _footprint_hits(tunnel, epoch, scanner, station, beams, rings: int) -> tuple[np.ndarray, ...]:
     """Ranges, codes and cosines (s, k) of rays spread over the footprints of beams (k, 3)."""
-    origins, directions = _footprint(scanner, station, beams, _disc(rings))
+    origins, directions = footprint_rays(scanner, station, beams, disc_pattern(rings))
     shape = directions.shape[:-1]
     rays = Rays(tunnel.alignment, origins.reshape(-1, 3), directions.reshape(-1, 3))
     wall, _ = _lining(tunnel, epoch, rays)

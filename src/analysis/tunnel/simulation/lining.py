@@ -4,7 +4,7 @@ Assumed, because Li et al. (2015) print nothing of it, as usual for metro tunnel
 rings of 1.2 m, each of six equal segments, every other ring turned by half a segment; joints 8 mm wide and 22 mm
 deep; ovality a − b between 5 and 15 mm, changing along the tunnel; segments up to 2.5 mm before or behind the
 ellipse, so that two neighbours differ by up to 5 mm; four bolt pockets at each longitudinal joint and one grouting
-hole in the middle of each segment. Bolts and nuts in the pockets are left out.
+hole in the middle of each segment. In each pocket sits a bolt with its nut, which ends 30 mm behind the inner face.
 
 A radius counts from the design axis, ρ(α, s), in the plane of the section (:mod:`.alignment`).
 """
@@ -38,6 +38,7 @@ RING_JOINT = Recess("joint", 0.004, np.inf, 0.022)
 SEGMENT_JOINT = Recess("joint", np.inf, 0.004, 0.022)
 POCKET = Recess("bolt pocket", 0.08, 0.05, 0.06)
 GROUTING_HOLE = Recess("grouting hole", 0.025, 0.025, 0.06)
+BOLT, BOLT_HALF_WIDTH, BOLT_HEIGHT = "bolt", 0.02, 0.03  # m: its half sides, and how far it stands up from the bottom of its pocket
 POCKET_FROM_RING_JOINT = 0.24  # m, of the middle of a pocket
 POCKET_FROM_SEGMENT_JOINT = 0.20  # m
 
@@ -142,8 +143,9 @@ class Lining:
         Returns
         -------
         which : (k,) place in ``RECESSES``, −1 for the plain face.
-        extra : (k,) m to the first of bottom and side walls.
-        cosines : (k,) of the incidence angle there; of the plain face 0.
+        extra : (k,) m to the first of bottom and side walls, or to the bolt.
+        cosines : (k,) of the incidence angle there; of the plain face 0. Nut and thread have edges all around, so of a bolt
+            it is that of the side turned most to the ray.
         """
         which, extra, cosines = np.full(len(alpha), -1), np.zeros(len(alpha)), np.zeros(len(alpha))
         for recess, ds, dt in self._offsets(alpha, chainage, rho):
@@ -151,7 +153,14 @@ class Lining:
             if not within.any():
                 continue
             which[within] = RECESSES.index(recess.label)
-            extra[within], cosines[within] = _to_the_walls(recess, ds[within], dt[within], along[within], around[within], outwards[within])
+            rays = ds[within], dt[within], along[within], around[within], outwards[within]
+            extra[within], cosines[within] = _to_the_walls(recess, *rays)
+            if recess is POCKET:
+                to_bolt = _to_the_bolt(*rays)
+                met = np.isfinite(to_bolt)
+                where = np.flatnonzero(within)[met]
+                which[where], extra[where] = RECESSES.index(BOLT), to_bolt[met]
+                cosines[where] = np.abs(rays[2:]).max(axis=0)[met]
         return which, extra, cosines
 
     def _offsets(self, alpha, chainage, rho):
@@ -169,7 +178,7 @@ class Lining:
         yield GROUTING_HOLE, in_ring - 0.5 * self.ring_width, middle
 
 
-RECESSES = (RING_JOINT.label, POCKET.label, GROUTING_HOLE.label)
+RECESSES = (RING_JOINT.label, POCKET.label, GROUTING_HOLE.label, BOLT)
 
 
 def _to_the_walls(recess: Recess, ds, dt, along, around, outwards) -> tuple[np.ndarray, np.ndarray]:
@@ -184,3 +193,14 @@ def _to_the_walls(recess: Recess, ds, dt, along, around, outwards) -> tuple[np.n
         )
     first = np.argmin(to_wall, axis=0)
     return np.min(to_wall, axis=0), np.abs(np.choose(first, [outwards, along, around]))
+
+
+def _to_the_bolt(ds, dt, along, around, outwards) -> np.ndarray:
+    """Range from the mouth of a pocket to the bolt in its middle; inf where the ray passes by. It stands before all walls."""
+    steps = np.stack([along, around, outwards])
+    lows = np.stack([-BOLT_HALF_WIDTH - ds, -BOLT_HALF_WIDTH - dt, np.full_like(ds, POCKET.depth - BOLT_HEIGHT)])
+    highs = np.stack([BOLT_HALF_WIDTH - ds, BOLT_HALF_WIDTH - dt, np.full_like(ds, POCKET.depth)])
+    with np.errstate(divide="ignore"):
+        at_low, at_high = lows / steps, highs / steps
+    enters, leaves = np.minimum(at_low, at_high).max(axis=0), np.maximum(at_low, at_high).min(axis=0)
+    return np.where(enters < leaves, enters, np.inf)

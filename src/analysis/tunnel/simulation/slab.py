@@ -14,12 +14,15 @@ import numpy as np
 
 from ...scanner import RIEGL_VZ400, Scanner
 from ...validation import BLOCK, pieces
+from .alignment import from_nearest
 from .campaign import FULL_DENSITY, Setup, cast_beams, station_grid
 from .tunnel import Tunnel
 
 THICKNESS = 0.05  # m, of the slab (Li et al. 2015, section 4.2.2)
 SIGHT = 30.0  # m, beyond which a station's beams meet the lining too obliquely to come back
 DEPTH = 0.35  # m before the lining in which the slab's points are sought: bed and catwalk are cut off there
+NEAR = 1.0  # m from a station to the slab, below which it may be seen all around
+ASIDE = np.deg2rad(3.0)  # beyond the springlines; tilt of instrument and section make less of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +121,13 @@ def section_points(section: SectionScan, n_trials: int, seed: int, *, registrati
 
 
 def _slab(tunnel, setup, place, chainage, density, thickness, scanner):
-    """Arrays of a :class:`SectionScan`, block by block of one station's beams."""
-    for beams in _towards_the_slab(tunnel, setup, chainage, density, thickness):
-        beams, ranges, cosines, codes = cast_beams(tunnel, setup, scanner, beams)
+    """Arrays of a :class:`SectionScan`, block by block of one station's beams.
+
+    A block of the station's grid holds few beams that can end in the slab, so these are collected before they are cast.
+    """
+    towards = np.concatenate([np.empty((0, 3)), *_towards_the_slab(tunnel, setup, chainage, density, thickness)])
+    for part in pieces(len(towards), BLOCK):
+        beams, ranges, cosines, codes = cast_beams(tunnel, setup, scanner, towards[part])
         points = setup.pose.to_engineering(ranges[:, None] * beams)
         within = np.abs(tunnel.alignment.section_coordinates(points)[0] - chainage) <= 0.5 * thickness
         roots = setup.pose.rotation @ scanner.roots(beams[within], ranges[within], cosines[within])
@@ -137,12 +144,26 @@ def _towards_the_slab(tunnel, setup, chainage, density, thickness):
     start, u_0, v_0 = axis.section_coordinates(setup.pose.position)
     to_section = axis.frame(start) @ setup.pose.rotation  # from the instrument to right, along and up at the station
     faces = abs(chainage - start) + 0.5 * thickness * np.array([[-1.0], [1.0]])  # near and far
+    columns, rows = _columns(tunnel, setup, chainage, thickness, grid.azimuths), len(grid.elevations)
     for part in pieces(len(grid), BLOCK):
+        if not columns[part.start // rows : (part.stop - 1) // rows + 1].any():
+            continue
         beams = grid.beams(part)
         right, towards, up = to_section @ beams.T
         ranges = faces / np.maximum(np.sign(chainage - start) * towards, 1e-3)
         u = u_0 + right * ranges - 0.5 * axis.curvature * (towards * ranges) ** 2
         near, far = np.hypot(u, v_0 + up * ranges)
-        passes = (near < tunnel.lining.radius + DEPTH) & (far > tunnel.lining.radius - DEPTH)
-        if passes.any():
-            yield beams[passes]
+        yield beams[(near < tunnel.lining.radius + DEPTH) & (far > tunnel.lining.radius - DEPTH)]
+
+
+def _columns(tunnel, setup, chainage, thickness, azimuths):
+    """(columns,) bool of the station's grid: those that look at the slab between its springlines; from near it or within, all."""
+    start, _, _ = tunnel.alignment.section_coordinates(setup.pose.position)
+    if abs(chainage - start) < 0.5 * thickness + NEAR:
+        return np.ones(len(azimuths), dtype=bool)
+    face = chainage - 0.5 * thickness * np.sign(chainage - start)
+    alpha = np.array([0.0, -0.5, 0.5]) * np.pi
+    sights = setup.pose.to_instrument(tunnel.alignment.polar_points(face, alpha, tunnel.lining.radius + DEPTH))
+    middle, *sides = np.arctan2(sights[:, 1], sights[:, 0])
+    half = np.abs(from_nearest(sides - middle, 2 * np.pi)).max()
+    return np.abs(from_nearest(azimuths - middle, 2 * np.pi)) < half + ASIDE
