@@ -200,7 +200,8 @@ class Observations:
             scale = 1e6 * (1.0 + np.random.default_rng(seed).uniform())
             digits = np.empty(self.points.shape[:2], dtype=np.float32)
             for part in self.pieces():
-                digits[:, part] = scale * self.piece(part).oblique() % 1.0
+                along = scale * self.piece(part).oblique()
+                np.subtract(along, np.floor(along), out=digits[:, part])
             return self._taken(np.argpartition(digits, count - 1, axis=-1)[:, :count]).drawn(count, seed)
         return self._taken(np.argsort(self.piece(slice(None)).oblique(), axis=-1))
 

@@ -99,17 +99,16 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
         sums = _Sums(model, x, points, weights, None if function is None else reweigh)
         step = -solve(sums.N, sums.g[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1)
-        new_sigma = sigma if function is None else _scale(sums, function, t)
-        lost = ~np.isfinite(length + new_sigma)
+        found, cofactor = _scale(sums, function, t), cofactor_from_normal(sums.N)
+        lost = ~np.isfinite(length if function is None else length + found)
         small = length <= TOLERANCE
         stalled = (length >= last) & (length <= STALLED)
         if function is not None:
-            cofactor = cofactor_from_normal(sums.N)
             # The scale of exact points is rounding and never settles.
-            settled = np.abs(new_sigma - sigma) <= np.maximum(SETTLED * new_sigma, ROUNDING / np.sqrt(sums.least_variance))
+            settled = np.abs(found - sigma) <= np.maximum(SETTLED * found, ROUNDING / np.sqrt(sums.least_variance))
             small, stalled = small & settled, stalled & settled
         new = np.where(lost[:, None], x, model.moved(x, step))
-        return (new, new_sigma, length, weights, cofactor), np.select([lost, small, stalled], [1, 2, 3], 0)
+        return (new, found, length, weights, cofactor), np.select([lost, small, stalled], [1, 2, 3], 0)
 
     count = len(points.points)
     start = (
@@ -125,11 +124,10 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
         (True, "the step reached rounding level"),
     ]
     ended = iterate(points, start, advance, endings, max_iterations)
-    x, _, _, weights, _ = ended.state
-    sums = _Sums(model, x, points, weights)
+    x, sigma, _, weights, cofactor = ended.state
     # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
     factor = 1.0 if function is None else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
-    return Adjusted(x, factor * cofactor_from_normal(sums.N), _scale(sums, function, t), None if function is None else weights, ended)
+    return Adjusted(x, factor * cofactor, sigma, None if function is None else weights, ended)
 
 
 class _Sums:

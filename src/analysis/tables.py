@@ -41,14 +41,18 @@ def write(frame: pd.DataFrame, path: str | os.PathLike[str], *, float_format: st
     ...         write(frame, RESULTS / "radius.csv").read_text()
     'method,radius_m\\nls,0.3\\n'
     """
+    return save(frame, output(path), float_format=float_format)
+
+
+def save(frame: pd.DataFrame, path: Path, *, float_format: str = "%.9g") -> Path:
+    """The same into a file anywhere, as a user of the command line asks for."""
     # pandas applies float_format to columns of floats only, not to floats among objects.
     mixed = {
         name: frame[name].map(lambda cell: float_format % cell if isinstance(cell, float) and cell == cell else cell)
         for name in frame
         if frame[name].dtype == object
     }
-    target = output(path)
-    with replacing(target) as temporary:
+    with replacing(path) as temporary:
         frame.assign(**mixed).to_csv(
             temporary,
             index=False,
@@ -56,7 +60,7 @@ def write(frame: pd.DataFrame, path: str | os.PathLike[str], *, float_format: st
             lineterminator="\n",
             encoding="utf-8",
         )
-    return target
+    return path
 
 
 def read(path: str | os.PathLike[str]) -> pd.DataFrame:

@@ -8,6 +8,7 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.collections import QuadMesh
 
+from analysis.figures import into
 from analysis.figures import tunnel as figures
 from analysis.tunnel.axis import straight
 from analysis.tunnel.comparison import compare
@@ -103,7 +104,7 @@ def test_along(comparison):
 
 def test_into_a_folder(comparison, tmp_path):
     one = replace(comparison, sections=comparison.sections[:1])
-    figures.changes(one, "changes", publish=figures.into(tmp_path))
+    figures.changes(one, "changes", publish=into(tmp_path))
     assert {path.name for path in tmp_path.iterdir()} == {"changes.png", "changes.svg", "changes.csv"}
     assert not pyplot.get_fignums()
 

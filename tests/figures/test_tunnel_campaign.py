@@ -61,6 +61,21 @@ def test_start():
     assert curves["found, started from R = I"][:, 1].tolist() == table["found_from_identity_percent"].tolist()
 
 
+def test_between():
+    """Errors as markers, 1.96 standard deviations as lines to either side, rightwards above and upwards below."""
+    numbers = np.random.default_rng(1).uniform(0.5, 2.0, (6, 5))
+    columns = ["right_mm", "right_sd_mm", "up_mm", "up_sd_mm", "chi_squared"]
+    table = pd.DataFrame(numbers, columns=columns).assign(registration=["singly"] * 3 + ["jointly"] * 3, chainage_m=[5.0, 15.0, 25.0] * 2)
+    figures.between(table)
+    pd.testing.assert_frame_equal(exported("08_tunnel_campaign_between"), table, rtol=1e-8, check_dtype=False)
+    for ax, direction in zip(pyplot.gcf().axes, ("right", "up"), strict=True):
+        for words, rows in table.groupby("registration"):
+            at, shift, sd = rows[["chainage_m", f"{direction}_mm", f"{direction}_sd_mm"]].to_numpy().T
+            assert_allclose(drawn(ax)[f"{words}: true"], np.stack([at, shift], axis=-1))
+            assert_allclose(drawn(ax)[f"{words}: stated, ±1.96 standard deviations"], np.stack([at, 1.96 * sd], axis=-1))
+            assert any(np.array_equal(line.get_ydata(), -1.96 * sd) for line in ax.lines)
+
+
 def test_stickers(scans):
     tables = {epoch.number: accuracy_study.stickers(epoch, register(epoch)) for epoch in scans.epochs}
     figures.stickers(tables)

@@ -20,7 +20,7 @@ from . import exported
 def once():
     """The section at 65 m and the one with the dent in one campaign."""
     sections = simulated_sections(default_tunnel(), (65.0, 25.0), 100_000, workers=1)
-    return [compared(section, 1, 1, registration_sd=0.001) for section in sections]
+    return [compared(section, 1, 1) for section in sections]
 
 
 def assert_exported(name, expected):

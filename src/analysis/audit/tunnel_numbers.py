@@ -36,8 +36,9 @@ _SETTINGS = (
 def largest_deformations(number, results: Results) -> Judgement:
     """The printed maxima: the truth of the simulated tunnel, so that only their recovery can be judged."""
     recovery = results[f"{DEFORMATION}_recovery"].set_index("case")["largest_rms_mm"]
-    scans, registered = recovery["noise alone"].max(), recovery["and registration"].max()
-    why = f"{_NO_SCANS}; given to the simulated tunnel and found again to {scans:.1f} mm, with registration errors to {registered:.1f} mm"
+    scans, singly, jointly = (recovery[case].max() for case in ("noise alone", "stations registered singly", "joint adjustment"))
+    registered = f"with stations registered singly to {singly:.1f} mm, jointly to {jointly:.1f} mm"
+    why = f"{_NO_SCANS}; given to the simulated tunnel and found again to {scans:.1f} mm, {registered}"
     return Judgement(NOT_CHECKABLE, why, DEFORMATION)
 
 
@@ -62,10 +63,10 @@ def stickers(number, results: Results) -> Judgement:
 
 
 def _a_dent_is_hidden(results: Results) -> bool:
-    """Where the dent is deepest the ellipses have less than a tenth of it."""
+    """Where the dent is deepest the ellipses have less than half of it."""
     dent = results[f"{DEFORMATION}_hidden"]
     deepest = dent.loc[dent["true_mm"].idxmin()]
-    return abs(deepest["ellipse_mm"]) < 0.1 * abs(deepest["true_mm"])
+    return abs(deepest["ellipse_mm"]) < 0.5 * abs(deepest["true_mm"])
 
 
 _TEXT: dict[str, Evaluator] = {name: setting(CAMPAIGN, "a fact of the campaign, taken over into the simulation") for name in _SETTINGS}

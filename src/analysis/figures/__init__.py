@@ -6,9 +6,13 @@ exported beside it as a table of the same name, which tests compare.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
 import matplotlib as mpl
 import pandas as pd
 from matplotlib import pyplot
+from matplotlib.figure import Figure
 
 from .. import tables
 from ..paths import FIGURES, RESULTS, output, replacing
@@ -46,6 +50,8 @@ STYLE = {
 # set, and would switch off the display of figures in notebooks.)
 mpl.rcParams.update(STYLE)
 
+Publish = Callable[[Figure, str, pd.DataFrame], None]
+
 UNDATED = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
@@ -67,7 +73,22 @@ def publish(figure, stem: str, data: pd.DataFrame) -> None:
     The stem begins with the name of the notebook. The figure stays open: a notebook shows it
     at the end of the cell.
     """
-    for kind, undated in UNDATED.items():
-        with replacing(output(FIGURES / f"{stem}.{kind}")) as temporary:
-            figure.savefig(temporary, format=kind, metadata=undated)
+    _save(figure, {kind: output(FIGURES / f"{stem}.{kind}") for kind in UNDATED})
     tables.write(data, RESULTS / f"{stem}.csv")
+
+
+def into(folder: Path) -> Publish:
+    """A ``publish`` that writes ``<stem>.png``, ``.svg`` and ``.csv`` into a folder anywhere and closes the figure."""
+
+    def publish_there(figure: Figure, stem: str, data: pd.DataFrame) -> None:
+        _save(figure, {kind: folder / f"{stem}.{kind}" for kind in UNDATED})
+        tables.save(data, folder / f"{stem}.csv")
+        pyplot.close(figure)
+
+    return publish_there
+
+
+def _save(figure: Figure, files: Mapping[str, Path]) -> None:
+    for kind, path in files.items():
+        with replacing(path) as temporary:
+            figure.savefig(temporary, format=kind, metadata=UNDATED[kind])

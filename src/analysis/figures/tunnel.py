@@ -6,23 +6,15 @@ Shared by the notebooks on the tunnel and by ``python -m analysis tunnel``. Ever
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
-from matplotlib import pyplot
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from ..paths import replacing
 from ..tunnel.changes import CLASSES
 from ..tunnel.comparison import ComparedSection, Comparison
 from ..tunnel.deformation import TWO_SIDED
-from . import GREY, TRUTH, UNDATED, headed, new, publish
-
-Publish = Callable[[Figure, str, pd.DataFrame], None]
+from . import GREY, TRUTH, Publish, headed, new, publish
 
 CLASS_COLOURS = dict(zip(CLASSES, ("#1A1A1A", "#2F7FD6", "#E0261B"), strict=True))
 CLASS_MARKS = dict(zip(CLASSES, (".", "^", "s"), strict=True))
@@ -35,25 +27,6 @@ QUANTITIES = {
     "horizontal_convergence": ("horizontal convergence, positive: wider", "s", "#B8860B"),
 }
 DRAWN = 0.2  # of the section's radius is the largest change drawn
-
-
-def into(folder: Path) -> Publish:
-    """A ``publish`` that writes ``<stem>.png``, ``.svg`` and ``.csv`` into a folder anywhere and closes the figure."""
-
-    def publish_there(figure: Figure, stem: str, data: pd.DataFrame) -> None:
-        for kind, undated in UNDATED.items():
-            with replacing(folder / f"{stem}.{kind}") as temporary:
-                figure.savefig(temporary, format=kind, metadata=undated)
-        save(data, folder / f"{stem}.csv")
-        pyplot.close(figure)
-
-    return publish_there
-
-
-def save(frame: pd.DataFrame, path: Path) -> None:
-    """As :func:`analysis.tables.write`, but anywhere."""
-    with replacing(path) as temporary:
-        frame.to_csv(temporary, index=False, float_format="%.9g", lineterminator="\n", encoding="utf-8")
 
 
 def changes(comparison: Comparison, stem: str, *, publish: Publish = publish) -> None:

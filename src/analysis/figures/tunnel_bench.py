@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from . import GREY, GROSS, TRUTH, headed, new
-from .tunnel import Publish
+from . import GREY, GROSS, TRUTH, Publish, headed, new
 
 BLUE = "#0072B2"
 GB_A_MILLION = 0.024  # three coordinates in double precision

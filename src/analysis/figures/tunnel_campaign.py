@@ -15,7 +15,7 @@ from ..tunnel.filter import INSIDE, LINING, OUTSIDE, FilteredLining
 from ..tunnel.section_density import equal_angles, local_radii, ring_points
 from ..tunnel.sections import Section
 from ..tunnel.simulation import FULL_DENSITY, ZONE, Tunnel
-from . import GREY, GROSS, STYLE, TRUTH, new, publish
+from . import GREY, GROSS, TRUTH, headed, new, publish
 
 STEM = "08_tunnel_campaign"
 BLUE = "#0072B2"
@@ -23,6 +23,7 @@ EPOCHS = {1: (GROSS, "o"), 2: (BLUE, "s")}  # the paper shows the first red, the
 PRINTED, ROBUST = "#CC79A7", "#009E73"
 RULES = {"one cylinder": (GROSS, "--"), "cylinder by segments": ("#56B4E9", ":"), "cylinder and local surface": (ROBUST, "-")}
 READINGS = {"equal angles": (PRINTED, "s", "--"), "local quadratics": (ROBUST, "o", "-")}
+REGISTRATIONS = ((GROSS, "x", "--"), (ROBUST, "o", "-"))  # singly, jointly
 SHOWN = 8_000  # points of a cloud in a figure
 DECIMALS = 5  # of exported points, m
 EXAGGERATED = 20.0  # times, departures from the circle
@@ -63,7 +64,7 @@ def map_(epochs, tunnel: Tunnel) -> None:
     axes[0].set_title("From above", fontweight="normal")
     axes[1].set_title("From the side", fontweight="normal")
     axes[1].set_xlabel("Y along the tunnel / m (shaded: the 45 m in which sections are cut)")
-    _headed(figure, "Where do the scanner and the targets stand?", handles, 5)
+    headed(figure, "Where do the scanner and the targets stand?", handles, 5)
     publish(figure, f"{STEM}_map", pd.concat(parts)[["kind", "name", "x", "y", "z"]].round(DECIMALS))
 
 
@@ -78,8 +79,27 @@ def start(table: pd.DataFrame) -> None:
     ax.set_ylim(-4, 104)
     ax.set_xlabel("angle of the rotation / °")
     ax.set_ylabel("share of the trials / %")
-    _headed(figure, "Is R = I a safe start for the thirteen parameters?", ax.get_legend_handles_labels()[0], 2)
+    headed(figure, "Is R = I a safe start for the thirteen parameters?", ax.get_legend_handles_labels()[0], 2)
     publish(figure, f"{STEM}_start", table)
+
+
+def between(table: pd.DataFrame) -> None:
+    """Shift of the second epoch against the first by registration, true and stated; table from :func:`.between_epochs`."""
+    figure, axes = new(2, 1, height=4.6, sharex=True, sharey=True)
+    for ax, direction in zip(axes, ("right", "up"), strict=True):
+        ax.axhline(0.0, color=TRUTH, linewidth=0.8)
+        handles = []
+        for (words, rows), (colour, marker, style) in zip(table.groupby("registration", sort=False), REGISTRATIONS, strict=True):
+            band, at = 1.96 * rows[f"{direction}_sd_mm"], rows["chainage_m"]
+            handles += ax.plot(at, band, style, color=colour, label=f"{words}: stated, ±1.96 standard deviations")
+            ax.plot(at, -band, style, color=colour)
+            handles += ax.plot(at, rows[f"{direction}_mm"], marker, color=colour, markersize=6, label=f"{words}: true")
+        ax.set_ylabel("shift / mm")
+        ax.set_title(f"To the {direction}" if direction == "right" else "Upwards", fontweight="normal")
+    axes[1].set_xticks(table["chainage_m"].unique())
+    axes[1].set_xlabel("chainage of the section / m")
+    headed(figure, "How far apart does registration put the two epochs of a section?", handles, 2)
+    publish(figure, f"{STEM}_between", table)
 
 
 def stickers(differences: Mapping[int, pd.DataFrame]) -> None:
@@ -102,7 +122,7 @@ def stickers(differences: Mapping[int, pd.DataFrame]) -> None:
         ax.set_title(axis.upper(), fontweight="normal")
         ax.set_xlabel("chainage / m")
     axes[0].set_ylabel("scanner less total station / mm")
-    _headed(figure, "Do the scans agree with the total station? Stickers of one station err together", handles, 3)
+    headed(figure, "Do the scans agree with the total station? Stickers of one station err together", handles, 3)
     data = pd.concat([table.assign(epoch=epoch) for epoch, table in differences.items()])
     publish(figure, f"{STEM}_stickers", data)
 
@@ -130,7 +150,7 @@ def axis(zone: Cloud, axes_found: Mapping[str, Axis], tunnel: Tunnel, step: floa
         ax.set_title(title, fontweight="normal")
         ax.set_ylabel(f"{'XZ'[k]} / m")
     axes[1].set_xlabel("Y along the tunnel / m")
-    _headed(figure, "How is the axis found, and where is it? The track bed lifts the printed one", [dots, mids, curve, truth, found], 5)
+    headed(figure, "How is the axis found, and where is it? The track bed lifts the printed one", [dots, mids, curve, truth, found], 5)
     publish(figure, f"{STEM}_axis", pd.concat(parts).round(DECIMALS))
 
 
@@ -155,7 +175,7 @@ def filter_(cloud: Cloud, result: FilteredLining, tunnel: Tunnel, start: float, 
     axes[1, 0].set_ylabel("α from the crown / °")
     axes[1, 0].set_yticks([-180, -90, 0, 90, 180])
     handles = [Line2D([], [], color=colour, marker="o", linestyle="none", markersize=4, label=name) for name, _, colour in kinds]
-    _headed(figure, "What does the filter take off? Bed, catwalk, cables, lamps inside; pockets and joints outside", handles, 3)
+    headed(figure, "What does the filter take off? Bed, catwalk, cables, lamps inside; pockets and joints outside", handles, 3)
     publish(figure, f"{STEM}_filter", pd.DataFrame({"chainage_m": chainage, "u_m": u, "v_m": v, "flag": flags}).round(DECIMALS))
 
 
@@ -167,7 +187,7 @@ def crown(cells: pd.DataFrame, within: float = 20.0) -> None:
     one = every[every["rule"] == every["rule"].iloc[0]].sort_values("chainage_m")
     handles = axes[0].plot(one["chainage_m"], one["true_mm"], color=TRUTH, marker="_", markersize=9, linestyle="none", label="truth")
     handles += axes[0].plot(one["chainage_m"], one["before_mm"], color=GREY, marker="o", linestyle="none", label="all lining points")
-    for (rule, (colour, line)), marker in zip(RULES.items(), "x+^", strict=True):
+    for (rule, (colour, _)), marker in zip(RULES.items(), "x+^", strict=True):
         rows = every[every["rule"] == rule].sort_values("chainage_m")
         style = {"color": colour, "marker": marker, "markersize": 5, "markerfacecolor": "none", "linestyle": "none"}
         handles += axes[0].plot(rows["chainage_m"], rows["after_mm"], **style, label=f"after: {rule}")
@@ -176,7 +196,7 @@ def crown(cells: pd.DataFrame, within: float = 20.0) -> None:
     axes[1].set_ylabel("lining kept / %")
     axes[1].set_ylim(0, 105)
     axes[1].set_xlabel("chainage / m")
-    _headed(figure, "Does the filter eat the deformation? Cells within 20° of the crown", handles, 3)
+    headed(figure, "Does the filter eat the deformation? Cells within 20° of the crown", handles, 3)
     publish(figure, f"{STEM}_crown", every)
 
 
@@ -207,7 +227,7 @@ def epochs(clouds: Mapping[int, Cloud], linings: Mapping[int, FilteredLining], t
     axes[0].set_xlabel("Y along the tunnel / m")
     axes[0].set_ylabel("Z / m")
     handles = [Line2D([], [], color=EPOCHS[k][0], marker=EPOCHS[k][1], linestyle="none", markersize=4, label=f"epoch {k}") for k in clouds]
-    _headed(figure, "Do both epochs lie in one system?", handles, 2)
+    headed(figure, "Do both epochs lie in one system?", handles, 2)
     publish(figure, f"{STEM}_epochs", pd.concat(parts).round(DECIMALS))
 
 
@@ -242,7 +262,7 @@ def density(counts: pd.DataFrame, readings: pd.DataFrame) -> None:
     ax.set_ylim(-4, 104)
     ax.set_xlabel("lining points in the section")
     ax.set_ylabel("share of the directions / %")
-    _headed(figure, "How many points has a section, and how many of its directions are empty?", handles, 2)
+    headed(figure, "How many points has a section, and how many of its directions are empty?", handles, 2)
     shown = pd.concat(
         [
             pd.DataFrame({"panel": "ring", "station_m": distance, "at_full_density": curve}),
@@ -282,11 +302,5 @@ def sections(of: Mapping[str, Section], tunnel: Tunnel, epoch: int) -> None:
     axes[-1, 0].set_xlabel("α from the crown / °")
     axes[-1, 0].set_xticks(np.arange(-135, 136, 45))
     axes[0, 0].set_ylim(-14, 14)
-    _headed(figure, f"What does a section hold at {FULL_DENSITY / 1e6:g} million beams a station?", handles, 5)
+    headed(figure, f"What does a section hold at {FULL_DENSITY / 1e6:g} million beams a station?", handles, 5)
     publish(figure, f"{STEM}_sections", pd.concat(parts).round(DECIMALS))
-
-
-def _headed(figure, title: str, handles, columns: int) -> None:
-    """One title over all panels, one legend below them."""
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"], color=TRUTH)
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, columnspacing=1.4)

@@ -13,7 +13,7 @@ from ..tunnel.changes import CLASSES
 from ..tunnel.deformation import ANGLES
 from ..tunnel.simulated_sections import POLE, Compared
 from ..tunnel.simulation import CODES, NAMES
-from . import GREY, GROSS, STYLE, TRUTH, new, publish
+from . import GREY, GROSS, TRUTH, headed, new, publish
 from .tunnel import CLASS_COLOURS, CLASS_MARKS, CLASS_NAMES
 
 STEM = "09_tunnel_deformation"
@@ -55,7 +55,7 @@ def projection(one: Compared, epoch: int) -> None:
         Line2D([], [], color=GROSS, marker="x", linestyle="none", label="anything else"),
         Line2D([], [], color=CHANGE, label="plane of the section (left), robust ellipse of all points (right)"),
     ]
-    _headed(figure, f"Which points make the section at {one.section.chainage:g} m?", handles, 3)
+    headed(figure, f"Which points make the section at {one.section.chainage:g} m?", handles, 3)
     points = pd.DataFrame({"kind": np.array(NAMES)[codes], "right_m": u, "up_m": v, "along_mm": 1e3 * w})
     line = pd.DataFrame({"kind": "ellipse", "right_m": ellipse[0], "up_m": ellipse[1]})
     publish(figure, f"{STEM}_projection", pd.concat([points, line]))
@@ -105,7 +105,7 @@ def polar(of: Sequence[Compared]) -> None:
         Line2D([], [], color=CHANGE, linewidth=3, label="largest change"),
         Line2D([], [], color=TRUE, linestyle=":", label="true"),
     ]
-    _headed(figure, f"What has happened to the three sections? Above: departures from the circle drawn {TIMES:g} times", handles, 4)
+    headed(figure, f"What has happened to the three sections? Above: departures from the circle drawn {TIMES:g} times", handles, 4)
     publish(figure, f"{STEM}_polar", pd.concat(frames))
 
 
@@ -144,7 +144,7 @@ def classes(points: pd.DataFrame, words: Mapping[float, str]) -> None:
     for name in CLASSES:
         label = f"{name}: {CLASS_NAMES[name]}"
         handles.append(Line2D([], [], color=CLASS_COLOURS[name], marker=CLASS_MARKS[name], linestyle="none", label=label))
-    _headed(figure, f"Which points have moved beyond 6 and 12 mm? Changes drawn {TIMES:g} times", handles, 4)
+    headed(figure, f"Which points have moved beyond 6 and 12 mm? Changes drawn {TIMES:g} times", handles, 4)
     publish(figure, f"{STEM}_classes", points[points["chainage_m"].isin(list(words))])
 
 
@@ -168,7 +168,7 @@ def alarms(table: pd.DataFrame, words: Mapping[str, str]) -> None:
         Line2D([], [], color=SHAPE, marker="o", markersize=5, linestyle="none", label=test),
         Line2D([], [], color=TRUTH, linestyle=":", linewidth=1.0, label="its 5 %"),
     ]
-    _headed(figure, "Which alarms are false, and what is missed?", handles, 3)
+    headed(figure, "Which alarms are false, and what is missed?", handles, 3)
     publish(figure, f"{STEM}_alarms", table)
 
 
@@ -187,7 +187,7 @@ def hidden(table: pd.DataFrame) -> None:
     ax.set_ylim(-19, 9)
     ax.set_xlabel("direction")
     ax.set_ylabel("Δρ, positive outwards / mm")
-    _headed(figure, "What does an ellipse hide? A local dent, which it takes for gross errors", ax.get_legend_handles_labels()[0], 3)
+    headed(figure, "What does an ellipse hide? A local dent, which it takes for gross errors", ax.get_legend_handles_labels()[0], 3)
     publish(figure, f"{STEM}_hidden", table)
 
 
@@ -205,7 +205,7 @@ def parts(tables: Mapping[str, pd.DataFrame]) -> None:
         ax.set_xlabel("direction")
     axes[0].set_ylabel("Δρ, positive outwards / mm")
     handles, labels = axes[0].get_legend_handles_labels()
-    _headed(figure, "Has the ring moved, or has its shape changed?", dict(zip(labels, handles, strict=True)).values(), 3)
+    headed(figure, "Has the ring moved, or has its shape changed?", dict(zip(labels, handles, strict=True)).values(), 3)
     publish(figure, f"{STEM}_parts", pd.concat(tables.values()))
 
 
@@ -236,11 +236,5 @@ def ellipsoid(study: pd.DataFrame) -> None:
         ax.set_xticks(study["slope_limit"].unique(), [f"{1000 * limit:g}" for limit in study["slope_limit"].unique()])
         ax.minorticks_off()
         ax.set_xlabel("largest slope of the axis / ‰")
-    _headed(figure, "Does the printed ellipsoid describe a section?", handles, 2)
+    headed(figure, "Does the printed ellipsoid describe a section?", handles, 2)
     publish(figure, f"{STEM}_ellipsoid", study)
-
-
-def _headed(figure, title: str, handles, columns: int) -> None:
-    """One title over all panels, one legend below them."""
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=STYLE["axes.titlesize"])
-    figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, columnspacing=1.4)

@@ -21,8 +21,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from analysis import paths
+from analysis.figures import into
 from analysis.figures import tunnel_bench as figures
-from analysis.figures.tunnel import into
 from analysis.project.bench import report, stated
 from analysis.tunnel.campaign_study import register, station_names
 from analysis.tunnel.comparison import compare

@@ -66,8 +66,8 @@ def _joints(frame: pd.DataFrame) -> str:
 def _maxima(frame: pd.DataFrame) -> str:
     """Return how well the printed maxima, given to the simulated tunnel, are found again."""
     largest = frame.groupby("case")["largest_rms_mm"].max()
-    scans, registered = largest["noise alone"], largest["and registration"]
-    return f"taken as truth: found again to {scans:.1f} mm, with registration errors to {registered:.1f} mm"
+    scans, singly, jointly = (largest[case] for case in ("noise alone", "stations registered singly", "joint adjustment"))
+    return f"taken as truth: found again to {scans:.1f} mm; with stations registered singly to {singly:.1f}, jointly to {jointly:.1f} mm"
 
 
 # What the papers show -> where it is here. What a file says is counted (a function of its table); else the verdict is in words.

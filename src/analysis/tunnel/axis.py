@@ -446,7 +446,7 @@ def _slab_centers(points: np.ndarray, axis: Axis, slab: float) -> tuple[np.ndarr
     of = np.floor(y / slab).astype(np.int64)
     slabs, of = np.unique(of, return_inverse=True)
     cell = np.minimum(((alpha / (2.0 * np.pi) + 0.5) * CELLS).astype(np.int64), CELLS - 1)
-    medians = _group_medians(of * CELLS + cell, rho, len(slabs) * CELLS).reshape(-1, CELLS)
+    medians = group_medians(of * CELLS + cell, rho, len(slabs) * CELLS).reshape(-1, CELLS)
     seen = np.count_nonzero(np.isfinite(medians), axis=-1) >= 4 * HARMONICS
     angles = 2.0 * np.pi * ((np.arange(CELLS) + 0.5) / CELLS - 0.5)
     X = np.stack([np.ones(CELLS), np.sin(angles), np.cos(angles), np.sin(2 * angles), np.cos(2 * angles)], axis=-1)
@@ -462,9 +462,10 @@ def _slab_centers(points: np.ndarray, axis: Axis, slab: float) -> tuple[np.ndarr
     return (slabs[used] + 0.5) * slab, x[found, 1:3], sd[found], ends
 
 
-def _group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+def group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """Median of the values (n,), none negative, of each of ``count`` groups; NaN where there are none."""
-    order = np.argsort(group + 0.5 * values / values.max())  # one number sorts faster than two
+    # One number sorts faster than two.
+    order = np.argsort(group + 0.5 * values / max(values.max(), np.finfo(float).tiny))
     values = values[order]
     present, starts, sizes = np.unique(group[order], return_index=True, return_counts=True)
     medians = np.full(count, np.nan)

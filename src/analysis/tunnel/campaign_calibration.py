@@ -1,13 +1,13 @@
 """Are the intervals and the tests true? Hundreds of simulated campaigns at a density that makes them cheap.
 
 :func:`coverage` asks whether the 95 % intervals of Δρ(α) hold the truth, :func:`alarms` how often a section gives an alarm: by the
-fixed limit of 6 mm and by the tests of :mod:`analysis.tunnel.changes`, which know the noise and the registration. Where nothing has moved
+fixed limit of 6 mm and by the tests of :mod:`analysis.tunnel.changes`, which know noise and registration. Where nothing has moved
 every alarm is false; where something has, what gives none is missed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import joblib
 import numpy as np
@@ -17,29 +17,26 @@ from ..accuracy import rms
 from ..validation import pieces, positive
 from .changes import LEVEL, LIMITS, SHARE, differences, flagged, share_beyond, significance
 from .sections import DIRECTIONS, equal_angles, local_radii
-from .simulated_sections import SimulatedSection, compared
+from .simulated_sections import ALL, SimulatedSection, compared
 
 EVERY_FIFTH = DIRECTIONS[::5]  # neighbourhoods are about as wide, so that more directions say little more
 CHUNK = 25  # campaigns sent to a worker at a time
-ALL = "all"
 
 
-def coverage(
-    sections: Sequence[SimulatedSection], registration_sds: Sequence[float], campaigns: int, seed: int, *, n_points: int
-) -> pd.DataFrame:
+def coverage(cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, seed: int, *, n_points: int) -> pd.DataFrame:
     """Share of the 95 % intervals of Δρ(α) that hold the truth, and the errors of Δρ, over campaigns with ``n_points`` of each section.
 
-    registration_sds : of a station, m a coordinate
+    cases : words -> sections
 
-    Returns a row a registration error and section, and one for all sections together: `registration_mm`, `section`, `held_percent` and
-    its standard error `held_se_percent` (the directions of a campaign hang together, so it comes from the spread between campaigns),
-    `rmse_mm` of Δρ, `stated_mm` (RMS of its standard deviations), `rmse_within_mm` of Δρ less its rigid part.
+    Returns a row a case and section, and one for all sections together: `case`, `section`, `held_percent` and its standard error
+    `held_se_percent` (the directions of a campaign hang together, so it comes from the spread between campaigns), `rmse_mm` of Δρ,
+    `stated_mm` (RMS of its standard deviations), `rmse_within_mm` of Δρ less its rigid part.
     """
     rows = []
-    for sd in registration_sds:
+    for words, sections in cases.items():
         held, errors, stated, within = [], [], [], []
         for section in sections:
-            one = compared(section, campaigns, seed, registration_sd=sd, n_points=n_points, angles=EVERY_FIFTH)
+            one = compared(section, campaigns, seed, n_points=n_points, angles=EVERY_FIFTH)
             low, high = one.change.interval(0.95)
             held.append(np.mean((low <= one.truth) & (one.truth <= high), axis=-1))
             errors.append(one.errors)
@@ -51,7 +48,7 @@ def coverage(
             a_campaign = held[of].mean(axis=0)
             rows.append(
                 {
-                    "registration_mm": 1e3 * sd,
+                    "case": words,
                     "section": name,
                     "held_percent": 100.0 * a_campaign.mean(),
                     "held_se_percent": 100.0 * a_campaign.std() / np.sqrt(campaigns),
@@ -63,9 +60,7 @@ def coverage(
     return pd.DataFrame(rows)
 
 
-def alarms(
-    sections: Sequence[SimulatedSection], registration_sd: float, campaigns: int, seed: int, *, workers: int | None = None
-) -> pd.DataFrame:
+def alarms(sections: Sequence[SimulatedSection], campaigns: int, seed: int, *, workers: int | None = None) -> pd.DataFrame:
     """Alarms over campaigns: of the fixed limits, as printed, and of the tests of significance at 5 %.
 
     Work is spread over ``workers`` processes, which changes nothing.
@@ -74,12 +69,12 @@ def alarms(
     rule; `flagged_percent`, sections with 30 % of their directions beyond 6 mm; `significant_percent`, single directions by the level of
     detection; `changed_percent`, sections by their test, and its binomial standard error `changed_se_percent`.
     """
-    drawn = [section.drawn(campaigns, seed, registration_sd=registration_sd) for section in sections]
+    drawn = [section.drawn(campaigns, seed) for section in sections]
     tasks = [(section, part, pair) for section, pair in zip(sections, drawn, strict=True) for part in pieces(campaigns, CHUNK)]
     workers = min(len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers")))
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         parallel = joblib.Parallel(max_nbytes=None)
-        done = parallel(joblib.delayed(_alarms)(section, [epoch[part] for epoch in pair], registration_sd) for section, part, pair in tasks)
+        done = parallel(joblib.delayed(_alarms)(section, [epoch[part] for epoch in pair]) for section, part, pair in tasks)
     found = np.concatenate(done).reshape(len(sections), campaigns, -1)
     rows = []
     for name, values in [*zip((f"{section.chainage:g} m" for section in sections), found, strict=True), (ALL, np.concatenate(found))]:
@@ -98,13 +93,13 @@ def alarms(
     return pd.DataFrame(rows)
 
 
-def _alarms(section: SimulatedSection, epochs, registration_sd: float) -> np.ndarray:
+def _alarms(section: SimulatedSection, epochs) -> np.ndarray:
     """(B, 5): shares beyond 6 and 12 mm, whether flagged; share of significant directions, whether changed."""
     rows = []
     for pair in zip(*epochs, strict=True):
         cut = [section.section(points) for points in pair]
         delta = differences(*(equal_angles(one, EVERY_FIFTH) for one in cut))
-        found = significance(*(local_radii(one, EVERY_FIFTH) for one in cut), registration=section.registration(registration_sd))
+        found = significance(*(local_radii(one, EVERY_FIFTH) for one in cut), registration=section.registration)
         significant = found.significant[~np.isnan(found.delta)].mean()
         rows.append([*(share_beyond(delta, limit) for limit in LIMITS), flagged(delta, share=SHARE), significant, found.changed])
     return np.array(rows, dtype=float)

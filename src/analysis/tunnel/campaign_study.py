@@ -10,9 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from .axis import Axis
+from .block_adjustment import Block, adjust_block, surface_ties
 from .registration import CONTROL, OBSERVED, Station, register_stations
 from .simulation import ATTACHMENTS, CODES, FULL_DENSITY, NAMES, Campaign, Epoch, Tunnel
-from .simulation.campaign import NET_SD, TARGET_SD
+from .simulation.campaign import LEVELLING_SD, NET_SD, TARGET_SD
 
 ATTACHED = 0.02  # m in front of the lining, from which an attachment counts
 
@@ -92,6 +94,17 @@ def register(epoch: Epoch) -> dict[str, Station]:
 def register_observed(observed: pd.DataFrame, net: pd.DataFrame) -> dict[str, Station]:
     """:func:`.register_stations` with the standard deviations of the simulation and the scale held at 1."""
     return register_stations(observed, net, scanner_sd=TARGET_SD, control_sd=NET_SD)
+
+
+def adjust(epochs: tuple[Epoch, ...], stations: tuple[dict[str, Station], ...], axis: Axis) -> Block:
+    """:func:`.adjust_block` of all epochs, registered singly as ``stations``, with the standard deviations of the simulation.
+
+    Tied are neighbours within an epoch. The instruments are levelled to 20″.
+    """
+    together = {name: station for found in stations for name, station in found.items()}
+    scans = [dict(zip(station_names(epoch), (scan.points for scan in epoch.stations), strict=True)) for epoch in epochs]
+    ties = [surface_ties(together, of_epoch, axis) for of_epoch in scans]
+    return adjust_block(together, ties, scanner_sd=TARGET_SD, control_sd=NET_SD, level_sd=LEVELLING_SD)
 
 
 def joined(epoch: Epoch, stations: dict[str, Station] | None = None) -> Cloud:

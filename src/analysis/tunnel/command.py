@@ -114,11 +114,12 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(result: Comparison, folder: Path) -> list[Path]:
     """Tables and figures; returns the tables, beside each of which but the first a figure lies."""
+    from ..figures import into
     from ..figures import tunnel as figures  # takes its time to load, which the other commands need not wait for
 
-    publish = figures.into(folder)
+    publish = into(folder)
     table = result.table()
-    figures.save(table, folder / "sections.csv")
+    tables.save(table, folder / "sections.csv")
     figures.changes(result, "changes", publish=publish)
     figures.along(result, "along", publish=publish)
     stems = ["sections", "changes", "along"]

@@ -90,12 +90,12 @@ class ComparedSection:
         seen = ~np.isnan(self.difference)
         row = {"chainage_m": self.chainage, "points_1": self.sections[0].count, "points_2": self.sections[1].count}
         row |= {"seen_percent": 100.0 * float(np.mean(seen)), "beyond_6_mm_percent": np.nan, "flagged": False}
-        row |= {"significant_percent": np.nan, "p_value": np.nan, "changed": False}
+        row |= {"significant_percent": np.nan, "p_motion": np.nan, "p_shape": np.nan, "p_value": np.nan, "changed": False}
         if self.significance is not None:
             delta = self.significance.delta
             row["beyond_6_mm_percent"], row["flagged"] = 100.0 * share_beyond(delta), flagged(delta)
             row["significant_percent"] = 100.0 * float(np.mean(self.significance.significant[seen]))
-            row["p_value"], row["changed"] = self.significance.p_value, self.significance.changed
+            row |= {name: getattr(self.significance, name) for name in ("p_motion", "p_shape", "p_value", "changed")}
         row |= dict.fromkeys(("largest_change_mm", "largest_change_sd_mm", "at_deg"), np.nan)
         row |= {f"{name.replace(' ', '_')}_{end}": np.nan for name in _QUANTITIES for end in ("mm", "sd_mm")}
         if self.change is not None:
@@ -149,7 +149,8 @@ class Comparison:
         `seen_percent`                            of the directions, in both epochs
         `beyond_6_mm_percent`, `flagged`          of the directions seen, |δ| > 6 mm; more than 30 % of them (Li et al. 2015)
         `significant_percent`                     of the directions seen, |δ| beyond its own level of detection
-        `p_value`, `changed`                      test of the section as a whole: of such differences without deformation
+        `p_motion`, `p_shape`                     of so large a motion of the section, and of such differences beside any motion, by chance
+        `p_value`, `changed`                      of the section as a whole, from both; whether it is below 5 %
         `largest_change_mm`, `…_sd_mm`, `at_deg`  of the ellipses, + outwards, over the directions seen; 0° crown, + right
         `crown_settlement_mm`, `…_sd_mm`          −Δρ(0°) of the ellipses, + downwards
         `horizontal_convergence_mm`, `…_sd_mm`    Δρ(90°) + Δρ(−90°) of the ellipses, + where the section widens
@@ -197,7 +198,7 @@ def compare(
     Returns
     -------
     Comparison. A section of which an epoch shows too little has no ellipses and no change, and says so. Memory beyond the
-    points does not grow with the number of sections.
+    points is some 40 bytes a point and does not grow with the number of sections.
 
     Raises
     ------

@@ -90,7 +90,7 @@ def full_section(tunnel: Tunnel, setups: tuple[Setup, ...], chainage: float, den
 
 def noisy(scan: SectionScan, tunnel: Tunnel, seed: int) -> Section:
     """The section with the scanner's noise and without errors of registration, about the true axis."""
-    points = section_points(scan, 1, seed, registration_sd=0.0)[0]
+    points = section_points(scan, 1, seed)[0]
     ends = tunnel.alignment.position(scan.chainage) + AXIS_PIECE * np.array([[-1.0], [1.0]]) * tunnel.alignment.tangent(scan.chainage)
     axis = straight(*ends)
     (section,) = cut(points, axis, [0.5 * axis.length])

@@ -17,13 +17,26 @@ from ..methods import fit_ellipse
 from .changes import LIMITS, classes, differences, share_beyond
 from .deformation import hidden_deformation, ovality, quantities, residual_profile, split
 from .sections import equal_angles
-from .simulated_sections import POLE, Compared, SimulatedSection, compared, true_split
+from .simulated_sections import ALL, POLE, Compared, SimulatedSection, compared, true_split
 from .simulation import EPOCHS
 
 WITHIN = 0.001  # m, in which a maximum counts as recovered
 
 
 # -------------------------------------------------------------------- one campaign, as in the paper
+
+
+def registrations(cases: Mapping[str, Sequence[SimulatedSection]]) -> pd.DataFrame:
+    """What registration leaves between the epochs: a row a case and section; lengths in mm.
+
+    Columns: `case`, `chainage_m`; `right_sd_mm`, `up_sd_mm`, standard deviations of the shift of the second epoch.
+    """
+    rows = []
+    for words, sections in cases.items():
+        for section in sections:
+            right, up = 1e3 * np.sqrt(np.diagonal(section.registration))
+            rows.append({"case": words, "chainage_m": section.chainage, "right_sd_mm": right, "up_sd_mm": up})
+    return pd.DataFrame(rows)
 
 
 def outlines(of: Sequence[Compared]) -> pd.DataFrame:
@@ -70,7 +83,7 @@ def directions(of: Sequence[Compared], step: int = 1) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def judged(of: Sequence[Compared], registration_sd: float) -> pd.DataFrame:
+def judged(of: Sequence[Compared]) -> pd.DataFrame:
     """Convergence, settlement and ovality of one campaign beside the truth, a row a section and quantity.
 
     Columns as :func:`~analysis.tunnel.deformation.quantities`, with `chainage_m` for the number of the section, and `true`. True ovality
@@ -80,7 +93,7 @@ def judged(of: Sequence[Compared], registration_sd: float) -> pd.DataFrame:
     for one in of:
         right, crown, left, invert = 1e3 * one.section.truth(np.deg2rad([90.0, 0.0, -90.0, 180.0]))
         ovalities = [1e3 * float(ovality(_true_ellipse(one, epoch))[0]) for epoch in EPOCHS]
-        table = quantities(*one.ellipses, pole=POLE, registration=one.section.registration(registration_sd))
+        table = quantities(*one.ellipses, pole=POLE, registration=one.section.registration)
         table.insert(0, "chainage_m", one.section.chainage)
         table.insert(4, "true", [right + left, -crown, crown + invert, *ovalities])
         frames.append(table.drop(columns="section"))
@@ -131,37 +144,46 @@ def class_shares(differences_of: pd.DataFrame) -> pd.DataFrame:
 # --------------------------------------------------------------------------------- many campaigns
 
 
-def recovery(cases: Mapping[str, tuple[Sequence[SimulatedSection], float]], campaigns: int, seed: int) -> pd.DataFrame:
+def recovery(cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, seed: int) -> pd.DataFrame:
     """The largest change of sections, and Δρ in all directions, over campaigns at the density of the scans.
 
-    cases : words -> sections and registration error of a station (m a coordinate)
+    cases : words -> sections
 
-    Returns a row a case and section: `case`, `chainage_m`, `true_mm` (size of the largest true change), `largest_mm` (mean over the
-    campaigns of the size of the largest Δρ), `largest_rms_mm` and `largest_worst_mm` (errors of it), `within_percent` (campaigns with an
-    error up to 1 mm), `rmse_mm` of Δρ over directions and campaigns; and of Δρ less its rigid part `rmse_within_mm`, and
-    `within_worst_mm`, the worst error of the direction with the largest true change.
+    Returns a row a case and section, and one for all sections together: `case`, `section`, `true_mm` (size of the largest true change),
+    `largest_mm` (mean over the campaigns of the size of the largest Δρ), `largest_rms_mm` and `largest_worst_mm` (errors of it),
+    `within_percent` (campaigns with an error up to 1 mm) and its binomial standard error `within_se_percent`, `rmse_mm` of Δρ over
+    directions and campaigns; and of Δρ less its rigid part `rmse_within_mm`, and `within_worst_mm`, the worst error of the direction with
+    the largest true change.
     """
     rows = []
-    for words, (sections, registration_sd) in cases.items():
-        for section in sections:
-            one = compared(section, campaigns, seed, registration_sd=registration_sd)
-            largest = np.abs(one.change.difference).max(axis=-1)
-            error = largest - np.abs(one.truth).max()
-            rows.append(
-                {
-                    "case": words,
-                    "chainage_m": section.chainage,
-                    "true_mm": 1e3 * np.abs(one.truth).max(),
-                    "largest_mm": 1e3 * largest.mean(),
-                    "largest_rms_mm": 1e3 * rms(error),
-                    "largest_worst_mm": 1e3 * np.abs(error).max(),
-                    "within_percent": 100.0 * np.mean(np.abs(error) <= WITHIN),
-                    "rmse_mm": 1e3 * rms(one.errors.ravel()),
-                    "rmse_within_mm": 1e3 * rms(one.errors_within.ravel()),
-                    "within_worst_mm": 1e3 * np.abs(one.errors_within[:, np.argmax(np.abs(one.truth))]).max(),
-                }
-            )
+    for words, sections in cases.items():
+        found = [compared(section, campaigns, seed) for section in sections]
+        names = [f"{section.chainage:g} m" for section in sections]
+        rows += [_recovered(words, name, [one]) for name, one in zip(names, found, strict=True)]
+        rows.append(_recovered(words, ALL, found))
     return pd.DataFrame(rows)
+
+
+def _recovered(words: str, name: str, of: Sequence[Compared]) -> dict:
+    """A row of :func:`recovery`; of several sections together the largest change itself says nothing."""
+    true = np.array([np.abs(one.truth).max() for one in of])
+    largest = np.array([np.abs(one.change.difference).max(axis=-1) for one in of])
+    error = largest - true[:, None]
+    within = np.mean(np.abs(error) <= WITHIN)
+    at_largest = [one.errors_within[:, np.argmax(np.abs(one.truth))] for one in of]
+    return {
+        "case": words,
+        "section": name,
+        "true_mm": 1e3 * true[0] if len(of) == 1 else np.nan,
+        "largest_mm": 1e3 * largest.mean() if len(of) == 1 else np.nan,
+        "largest_rms_mm": 1e3 * rms(error.ravel()),
+        "largest_worst_mm": 1e3 * np.abs(error).max(),
+        "within_percent": 100.0 * within,
+        "within_se_percent": 100.0 * np.sqrt(within * (1.0 - within) / error.size),
+        "rmse_mm": 1e3 * rms(np.array([one.errors for one in of]).ravel()),
+        "rmse_within_mm": 1e3 * rms(np.array([one.errors_within for one in of]).ravel()),
+        "within_worst_mm": 1e3 * np.abs(at_largest).max(),
+    }
 
 
 # ------------------------------------------------------------------ what moved, and what is hidden

@@ -3,6 +3,9 @@
 A section is what the stations of the campaign see in its slab (:mod:`analysis.tunnel.simulation.slab`). Its frame is that of
 the design axis: u to the right, v up, w along; leaving w away is the projection of the slab onto the plane of the section. How well
 an axis is found from scans is another matter; a wrong pole moves both epochs alike.
+
+A station that is off by a registration error shifts its points in the plane of the section, all alike. The errors of all stations
+of both epochs are drawn together, from the covariance that their registration states (:mod:`analysis.tunnel.block_adjustment`).
 """
 
 from __future__ import annotations
@@ -16,12 +19,15 @@ import numpy as np
 from ..ellipse import EllipseFit
 from ..methods import fit_ellipse
 from ..validation import positive
+from .block_adjustment import Block
 from .deformation import ANGLES, Deformation, Split, deformation, split
 from .sections import Section
 from .simulation import CODES, EPOCHS, FULL_DENSITY, SectionScan, Tunnel, section_points, section_scan, survey
 from .simulation.slab import THICKNESS
 
 POLE = np.zeros(2)  # the axis point
+ALL = "all"  # in tables, of all sections together
+BOTH = 0  # in place of the number of an epoch, for the draws that both have in common
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +35,16 @@ class SimulatedSection:
     """One section as the stations of both epochs see it, without noise.
 
     tunnel : with the truth; chainage : m; scans : of the first and the second epoch
+    stations : how many each epoch has
+    shifts : (2K, 2K) covariance in m² of what registration errors do to the points of all K stations, (right, up) of the first
+        station of the first epoch first; zeros where there are none
     """
 
     tunnel: Tunnel
     chainage: float
     scans: tuple[SectionScan, SectionScan]
+    stations: tuple[int, int]
+    shifts: np.ndarray
 
     def truth(self, angles=ANGLES) -> np.ndarray:
         """True δ (K,) in m, positive outwards, in directions (K,) in rad."""
@@ -43,30 +54,56 @@ class SimulatedSection:
         """The section with nothing but the points of the lining, as a filter that makes no mistakes would leave it."""
         return replace(self, scans=tuple(_chosen(scan, scan.codes == CODES["lining"]) for scan in self.scans))
 
-    def registration(self, sd: float) -> np.ndarray:
-        """Covariance (2, 2) in m² of the section's shift between the epochs, where each station is off by ``sd`` (m) in every coordinate.
+    def registered(self, block: Block) -> SimulatedSection:
+        """The section with the errors that the registration of all stations, those of the first epoch first, states.
 
-        ``sd² Σ (n_k/n)²`` an epoch, n_k of its n points being of station k: errors of different stations are independent.
+        Raises ``ValueError`` for another number of stations.
         """
-        shares = [np.bincount(scan.stations) / len(scan) for scan in self.scans]
-        return sd**2 * sum(float(share @ share) for share in shares) * np.eye(2)
+        if len(block.stations) != sum(self.stations):
+            raise ValueError(f"block: expected {sum(self.stations)} stations, those of both epochs, got {len(block.stations)}")
+        axis = self.tunnel.alignment
+        return replace(self, shifts=block.shifts(axis.position(self.chainage), axis.frame(self.chainage)[[0, 2]]))
 
-    def drawn(self, campaigns: int, seed: int, *, registration_sd: float, n_points: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    @property
+    def registration(self) -> np.ndarray:
+        """Covariance (2, 2) in m² of the section's shift (right, up) between the epochs.
+
+        An epoch is shifted by ``Σ (n_k/n) s_k``, n_k of its n points being of station k, which is off by s_k.
+        """
+        parts = [np.bincount(scan.stations, minlength=count) / len(scan) for scan, count in zip(self.scans, self.stations, strict=True)]
+        A = np.kron(np.concatenate([-parts[0], parts[1]]), np.eye(2))
+        return A @ self.shifts @ A.T
+
+    def drawn(self, campaigns: int, seed: int, *, n_points: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Points (B, n, 3) in m of each epoch in B campaigns: right, up and along, from the axis point.
 
         With ``n_points`` each campaign sees so many of the section's points, which ones changes from campaign to campaign.
         The draws differ between sections and epochs, and those of campaign i do not hang on B.
         """
-        return tuple(self._drawn(scan, campaigns, seed, registration_sd, n_points) for scan in self.scans)
+        shifts = np.split(self._shifted(campaigns, seed), [self.stations[0]], axis=1)
+        return tuple(self._drawn(scan, campaigns, seed, of_epoch, n_points) for scan, of_epoch in zip(self.scans, shifts, strict=True))
 
-    def _drawn(self, scan: SectionScan, campaigns: int, seed: int, registration_sd: float, n_points: int | None) -> np.ndarray:
-        children = np.random.SeedSequence((seed, round(1000 * self.chainage), scan.epoch)).spawn(campaigns)
-        clouds = []
-        for which, noise in (child.generate_state(2).tolist() for child in children):
+    def _children(self, campaigns: int, seed: int, part: int) -> list[np.random.SeedSequence]:
+        return np.random.SeedSequence((seed, round(1000 * self.chainage), part)).spawn(campaigns)
+
+    def _shifted(self, campaigns: int, seed: int) -> np.ndarray:
+        """Shifts (right, up) of all stations in every campaign, (B, K, 2) in m."""
+        values, vectors = np.linalg.eigh(self.shifts)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        children = self._children(campaigns, seed, BOTH)
+        drawn = np.array([np.random.default_rng(child).standard_normal(len(root)) for child in children])
+        return (drawn @ root.T).reshape(campaigns, -1, 2)
+
+    def _drawn(self, scan: SectionScan, campaigns: int, seed: int, shifts: np.ndarray, n_points: int | None) -> np.ndarray:
+        axis, clouds = self.tunnel.alignment, []
+        origin, turn = axis.position(self.chainage), axis.frame(self.chainage)[[0, 2, 1]].T
+        for child, of_stations in zip(self._children(campaigns, seed, scan.epoch), shifts, strict=True):
+            which, noise = child.generate_state(2).tolist()
             seen = scan if n_points is None else scan.sample(n_points, which)
-            clouds.append(section_points(seen, 1, noise, registration_sd=registration_sd)[0])
-        axis = self.tunnel.alignment
-        return (np.stack(clouds) - axis.position(self.chainage)) @ axis.frame(self.chainage)[[0, 2, 1]].T
+            cloud = (section_points(seen, 1, noise)[0] - origin) @ turn
+            cloud[:, :2] += of_stations[seen.stations]
+            clouds.append(cloud)
+        return np.stack(clouds)
 
     def section(self, points: np.ndarray) -> Section:
         """Points (n, 3) of one campaign and epoch, as drawn, in the form that sections cut from a scan have."""
@@ -83,7 +120,9 @@ def _chosen(scan: SectionScan, keep: np.ndarray) -> SectionScan:
 def simulated_sections(
     tunnel: Tunnel, chainages: Sequence[float], density: float = FULL_DENSITY, *, workers: int | None = None
 ) -> tuple[SimulatedSection, ...]:
-    """The sections at these chainages (m), cast with ``density`` beams a station; spread over ``workers`` processes, which changes nothing.
+    """The sections at these chainages (m), cast with ``density`` beams a station, without registration errors.
+
+    Work is spread over ``workers`` processes, which changes nothing.
 
     >>> from analysis.tunnel.simulation import default_tunnel
     >>> section, = simulated_sections(default_tunnel(), [65.0], 50_000, workers=1)
@@ -97,7 +136,9 @@ def simulated_sections(
         parallel = joblib.Parallel(max_nbytes=None)
         scans = parallel(joblib.delayed(section_scan)(tunnel, setups, chainage, density) for chainage, setups in tasks)
     pairs = zip(scans[::2], scans[1::2], strict=True)
-    return tuple(SimulatedSection(tunnel, float(chainage), pair) for chainage, pair in zip(chainages, pairs, strict=True))
+    stations = tuple(len(epoch.stations) for epoch in epochs)
+    nothing = np.zeros((2 * sum(stations), 2 * sum(stations)))
+    return tuple(SimulatedSection(tunnel, float(at), pair, stations, nothing) for at, pair in zip(chainages, pairs, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,15 +167,14 @@ def compared(
     campaigns: int,
     seed: int,
     *,
-    registration_sd: float,
     n_points: int | None = None,
     angles: np.ndarray = ANGLES,
     method: str = "robust",
 ) -> Compared:
     """Draw a section in B campaigns, fit an ellipse to every epoch of each, and compare the epochs in directions ``angles`` (K,)."""
-    points = section.drawn(campaigns, seed, registration_sd=registration_sd, n_points=n_points)
+    points = section.drawn(campaigns, seed, n_points=n_points)
     ellipses = tuple(fit_ellipse(epoch[..., :2], method) for epoch in points)
-    change = deformation(*ellipses, pole=POLE, angles=angles, registration=section.registration(registration_sd))
+    change = deformation(*ellipses, pole=POLE, angles=angles, registration=section.registration)
     return Compared(section, points, ellipses, change, section.truth(angles))
 
 

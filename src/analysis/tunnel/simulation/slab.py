@@ -1,8 +1,7 @@
 """One section of the campaign without the rest of it: the points of its slab, again and again with new noise.
 
 For Monte Carlo studies of sections. The beams of the stations that can end in the slab are cast as the campaign casts
-them, and only these; their noise is then drawn for many campaigns at once. A station's registration is not repeated
-but replaced by its effect in the section: one shift for all of the station's points, new in every trial.
+them, and only these; their noise is then drawn for many campaigns at once.
 """
 
 from __future__ import annotations
@@ -89,8 +88,8 @@ def section_scan(
     return SectionScan(chainage, epochs.pop(), *(np.concatenate(arrays) for arrays in zip(empty, *parts, strict=True)))
 
 
-def section_points(section: SectionScan, n_trials: int, seed: int, *, registration_sd: float = 0.001) -> np.ndarray:
-    """Points (B, n, 3) of a section in B campaigns, engineering coordinates in m.
+def section_points(section: SectionScan, n_trials: int, seed: int) -> np.ndarray:
+    """Points (B, n, 3) of a section with the scanner's noise in B campaigns, engineering coordinates in m.
 
     Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the number of trials
     grows. Two epochs need two seeds.
@@ -100,22 +99,14 @@ def section_points(section: SectionScan, n_trials: int, seed: int, *, registrati
     section : what the stations see.
     n_trials : B.
     seed : of the study.
-    registration_sd : m a coordinate, of the shift that all points of a station have in common. The targets of the
-        campaign leave about 1 mm at 5 m from a station and nearly twice that at 16 m.
 
-    Raises ``ValueError`` for a number of trials below 1 and a negative standard deviation.
+    Raises ``ValueError`` for a number of trials below 1.
     """
     if not isinstance(n_trials, (int, np.integer)) or n_trials < 1:
         raise ValueError(f"n_trials: expected a whole number of at least 1, got {n_trials!r}")
-    if not registration_sd >= 0:
-        raise ValueError(f"registration_sd: expected a number not below 0, got {registration_sd!r}")
     clouds = np.empty((n_trials, *section.points.shape))
-    n_stations = int(section.stations.max(initial=0)) + 1
     for cloud, child in zip(clouds, np.random.SeedSequence(seed).spawn(n_trials), strict=True):
-        generator = np.random.default_rng(child)
-        shifts = registration_sd * generator.standard_normal((n_stations, 3))
-        np.einsum("nij,nj->ni", section.roots, generator.standard_normal(cloud.shape), out=cloud)
-        cloud += shifts[section.stations]
+        np.einsum("nij,nj->ni", section.roots, np.random.default_rng(child).standard_normal(cloud.shape), out=cloud)
     clouds += section.points
     return clouds
 
