@@ -9,6 +9,9 @@ unexport MPLBACKEND
 export IPYTHONDIR := $(CURDIR)/.venv/ipython
 export MPLCONFIGDIR := $(CURDIR)/.venv/matplotlib
 
+# Two notebooks or tests run at a time, and studies in as many processes as there are cores: threads of the linear algebra would only wait for one another.
+export OMP_NUM_THREADS ?= 1
+
 # Tests run in two processes, each file in one of them.
 TOGETHER = -n 2 --dist loadfile
 
