@@ -35,6 +35,7 @@ TOLERANCE = 1e-12  # of a step, in the frame's unit
 STALLED = 1e-9  # a step below this that no longer shrinks is rounding
 SETTLED = 1e-10  # relative change of the scale
 LARGE = 16_384  # points from which on a part of them is adjusted first: its solution is so near that all need only a few passes
+STEEPEST = 0.5  # slope of the scale found against the scale it was found with, beyond which the secant is not trusted
 SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
@@ -88,7 +89,7 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
     t = model.degrees
 
     def advance(points: Observations, state):
-        x, sigma, last, weights, cofactor = state
+        x, sigma, last, weights, cofactor, last_sigma, last_found = state
 
         def reweigh(part: slice, squares, J, variances) -> None:
             # Leverage and scale lag by one step; at the fixed point they belong to these residuals.
@@ -108,7 +109,8 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
             settled = np.abs(found - sigma) <= np.maximum(SETTLED * found, ROUNDING / np.sqrt(sums.least_variance))
             small, stalled = small & settled, stalled & settled
         new = np.where(lost[:, None], x, model.moved(x, step))
-        return (new, found, length, weights, cofactor), np.select([lost, small, stalled], [1, 2, 3], 0)
+        new_sigma = np.where(small, found, _secant(sigma, found, last_sigma, last_found))
+        return (new, new_sigma, length, weights, cofactor, sigma, found), np.select([lost, small, stalled], [1, 2, 3], 0)
 
     count = len(points.points)
     start = (
@@ -117,6 +119,8 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
         np.full(count, np.inf),
         np.ones((count, 1 if function is None else points.count)),
         np.zeros((count, t, t)),
+        np.full(count, np.nan),
+        np.full(count, np.nan),
     )
     endings = [
         (False, "not converged: the normal equations became singular"),
@@ -124,10 +128,21 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
         (True, "the step reached rounding level"),
     ]
     ended = iterate(points, start, advance, endings, max_iterations)
-    x, sigma, _, weights, cofactor = ended.state
+    x, _, _, weights, cofactor, _, sigma = ended.state
     # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
     factor = 1.0 if function is None else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
     return Adjusted(x, factor * cofactor, sigma, None if function is None else weights, ended)
+
+
+def _secant(sigma, found, last_sigma, last_found) -> np.ndarray:
+    """The scale that would find itself: where the secant of found(σ) through the last two iterations meets σ.
+
+    An iteration by itself leaves a tenth of an error of the scale, because the weights hang on it. NaN of the first iteration: found.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = (found - last_found) / (sigma - last_sigma)
+    slope = np.where(np.abs(slope) <= STEEPEST, slope, 0.0)
+    return sigma + (found - sigma) / (1.0 - slope)
 
 
 class _Sums:
