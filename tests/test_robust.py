@@ -15,6 +15,7 @@ from analysis.fit import ConvergenceWarning
 from analysis.project import scans
 from analysis.real_spheres import NOMINAL_RADIUS, REFERENCE_CENTERS
 from analysis.robust import LARGE
+from analysis.robustness.breakdown import replaced
 from analysis.sphere import SphereModel, reduce
 from analysis.trimmed import least_trimmed_squares
 from analysis.weights import IGG3
@@ -161,6 +162,12 @@ def test_the_fixed_point_is_what_the_text_says(n, share):
     np.testing.assert_allclose(fit.sigma_0, np.sqrt(variance), rtol=1e-9)
     factor = function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
     np.testing.assert_allclose(fit.cofactor, factor * np.linalg.inv(N), rtol=1e-8, atol=1e-12)
+
+
+def test_the_scale_does_not_overshoot():
+    """With half of the points anywhere the scale falls by much at once; a step beyond what is found would leave no point in use."""
+    points = replaced(np.ascontiguousarray(simulate.sphere_redraws(2000)[:, :100]), "uniform", 50, 5)
+    assert analysis.fit_sphere(points).converged.all()
 
 
 # ------------------------------------------------------------------------------ seed and order

@@ -36,6 +36,7 @@ STALLED = 1e-9  # a step below this that no longer shrinks is rounding
 SETTLED = 1e-10  # relative change of the scale
 LARGE = 16_384  # points from which on a part of them is adjusted first: its solution is so near that all need only a few passes
 STEEPEST = 0.5  # slope of the scale found against the scale it was found with, beyond which the secant is not trusted
+NEARLY_FOUND = 0.1  # relative change of the scale, beyond which neither
 SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
@@ -137,11 +138,13 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
 def _secant(sigma, found, last_sigma, last_found) -> np.ndarray:
     """The scale that would find itself: where the secant of found(σ) through the last two iterations meets σ.
 
-    An iteration by itself leaves a tenth of an error of the scale, because the weights hang on it. NaN of the first iteration: found.
+    An iteration by itself leaves a tenth of an error of the scale, because the weights hang on it. The scale found in the first one (NaN),
+    and where the scale still changes by more than a tenth.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = (found - last_found) / (sigma - last_sigma)
-    slope = np.where(np.abs(slope) <= STEEPEST, slope, 0.0)
+    trusted = (np.abs(slope) <= STEEPEST) & (np.abs(found - sigma) <= NEARLY_FOUND * found)
+    slope = np.where(trusted, slope, 0.0)
     return sigma + (found - sigma) / (1.0 - slope)
 
 
