@@ -39,6 +39,12 @@ def test_robust_beside_other_libraries():
     assert table["times robust"].iloc[0] == 1
 
 
+def test_scipy_is_used_rightly():
+    points = simulate.sphere_cloud(np.random.default_rng(1), 200)
+    ours = fit_sphere(points).parameters - [*points.mean(axis=0), 0.0]
+    np.testing.assert_allclose(bench.cauchy_by_scipy(points), ours, rtol=0, atol=2e-3)
+
+
 def test_odrpack_is_used_rightly():
     points = simulate.sphere_cloud(np.random.default_rng(1), 200)
     ours = fit_sphere(points, "geometric").parameters - [*points.mean(axis=0), 0.0]

@@ -15,6 +15,7 @@ import warnings
 import numpy as np
 import odrpack
 import pandas as pd
+from scipy.optimize import least_squares
 from skspatial.objects import Plane, Sphere
 from tqdm import tqdm
 
@@ -168,9 +169,20 @@ def robust_against(points, others, repeats=2):
     return pd.DataFrame({"method": list(calls), "s a fit": seconds, "peak : input": memory, "times robust": seconds / best["robust"]})
 
 
+def cauchy_by_scipy(points):
+    """Least cauchy loss of the distances from the LS sphere on, with scipy's own Jacobian; coordinates reduced to the centroid."""
+    origin = points.mean(axis=0)
+    start = analysis.fit_sphere(points, "ls").parameters - [*origin, 0.0]
+    centred = points - origin
+    return least_squares(lambda x: np.linalg.norm(centred - x[:3], axis=1) - x[3], start, loss="cauchy", f_scale=SIGMA).x
+
+
 def other_robust_fits(points):
     """Named calls of robust fits of other libraries; they are told the noise, which ``fit_sphere`` finds itself."""
-    calls = {"scipy, cauchy": lambda: peers.robust_loss(points, "cauchy", SIGMA)}
+    calls = {
+        "scipy, cauchy": lambda: cauchy_by_scipy(points),
+        "scipy, cauchy, given the Jacobian": lambda: peers.robust_loss(points, "cauchy", SIGMA),
+    }
     if importlib.util.find_spec("skimage"):
         from skimage.measure import ransac
 
