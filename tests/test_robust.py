@@ -206,7 +206,7 @@ def test_the_start_does_not_know_the_order(count):
     """Points are drawn for it by their place and not by their number, so even the start is the same to the last bit."""
     given = reduce(GROSS[None]).observations()
     shuffled = replace(given, points=given.points[:, np.random.default_rng(8).permutation(500)])
-    first, second = (points.drawn(count, 0).piece(slice(None)).D for points in (given, shuffled))
+    first, second = (points.drawn(count, 0).all().D for points in (given, shuffled))
     assert first.shape == (1, count, 3)
     np.testing.assert_array_equal(first, second)
     first, second = (least_trimmed_squares(SphereModel(None), D, 0) for D in (first, second))

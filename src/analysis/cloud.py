@@ -37,11 +37,6 @@ class Cloud:
     def count(self) -> int:
         return self.points.shape[-2]
 
-    def in_frame(self) -> tuple[np.ndarray, np.ndarray]:
-        """The points (B, n, dim) in the cloud's frame, and their cofactors, of which 1 stands for 1 m²."""
-        D = (self.points - self.origin[:, None, :]) / self.length[:, None, None]
-        return D, self.cofactors_in_frame()
-
     def cofactors_in_frame(self) -> np.ndarray:
         """(B, n) or (B, 1) variances, or (B, n, dim, dim); 1 stands for 1 m²."""
         if self.cofactors is not None:
@@ -191,6 +186,10 @@ class Observations:
         variances = self.variances if self.variances.shape[1] == 1 else self.variances[:, part]
         return Points(D.swapaxes(-1, -2), variances, None if self.axes is None else self.axes[:, part])
 
+    def all(self) -> Points:
+        """The points of every cloud, in the frame; for clouds that are not large."""
+        return self.piece(slice(None))
+
     def drawn(self, count: int, seed: int) -> Observations:
         """At most ``count`` points of each cloud in a canonical order; neither they nor it depend on the order given.
 
@@ -203,7 +202,7 @@ class Observations:
                 along = scale * self.piece(part).oblique()
                 np.subtract(along, np.floor(along), out=digits[:, part])
             return self._taken(np.argpartition(digits, count - 1, axis=-1)[:, :count]).drawn(count, seed)
-        return self._taken(np.argsort(self.piece(slice(None)).oblique(), axis=-1))
+        return self._taken(np.argsort(self.all().oblique(), axis=-1))
 
     def _taken(self, chosen: np.ndarray) -> Observations:
         """The points with these places (B, m) in each cloud."""

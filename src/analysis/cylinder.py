@@ -238,7 +238,7 @@ class CylinderCloud(Cloud):
 
     def start(self) -> np.ndarray:
         """(B, 15) near the cylinder that fits all points best."""
-        return started(self.model, self.observations().drawn(SUBSET, 0).piece(slice(None)).D, self.axis, None)[0]
+        return started(self.model, self.observations().drawn(SUBSET, 0).all().D, self.axis, None)[0]
 
     def trimmed_start(self, model, D: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
         """Of seven points a sample would seldom be clean, and no closed form gives a cylinder from them: see ``cylinder_start``."""

@@ -284,7 +284,7 @@ class EllipseCloud(Cloud):
         """
         if self.cofactors is not None or self.weights is not None:
             raise ValueError("bias_correction: expected equally precise points, got weights or cofactors")
-        D, _ = self.in_frame()
+        D = self.observations().all().D
         _, J = self.model.linearised(x, D)
         _, e, _ = _feet(x, D)
         curvature = _area(x)[:, None] / _speed(x, e) ** 3
@@ -359,7 +359,7 @@ def direct(cloud: EllipseCloud) -> EllipseFit:
     """
     conic, natural = direct_from_factor(cloud.factor)
     x = ellipse_of(conic)
-    points = Points.of(*cloud.in_frame())
+    points = cloud.observations().all()
     d, _ = cloud.model.linearised(x, points.D)
     sigma = unit_weight_sd(np.sum(d * d / points.variances, axis=-1), cloud.count - PARAMETERS)
     cofactor = _algebraic_cofactor(x, points, np.ones_like(d))
@@ -390,7 +390,7 @@ def robust_direct(cloud: EllipseCloud, *, k0: float = 1.5, k1: float = 2.5, max_
         return (np.where(lost[:, None], x, new), sigma, weights), np.select([lost, change <= STANDS_STILL], [1, 2], 0)
 
     endings = [(False, "not converged: the points in use determine no ellipse"), (True, "the ellipse stands still")]
-    points = Points.of(*cloud.in_frame())
+    points = cloud.observations().all()
     start = (cloud.start(), np.zeros(len(points.D)), np.ones((len(points.D), n)))
     ended = iterate(points, start, advance, endings, max_iterations)
     x, sigma, weights = ended.state

@@ -76,7 +76,7 @@ def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterat
     whole_number(max_iterations, "max_iterations")
     model, points = cloud.model, cloud.observations()
     part = points.drawn(LARGE, seed)
-    few = part.drawn(SUBSET, seed).piece(slice(None))
+    few = part.drawn(SUBSET, seed).all()
     x, spread = (cloud.trimmed_start or least_trimmed_squares)(model, few.D, seed)
     sigma = spread / np.sqrt(np.mean(linearised(model, x, few)[2], axis=-1))
     if points.count > LARGE:
