@@ -20,7 +20,7 @@ ENVIRONMENT = .venv/environment.stamp
 
 NOTEBOOKS := $(sort $(basename $(notdir $(wildcard notebooks/*.ipynb))))
 STAMPS := $(NOTEBOOKS:%=build/notebooks/%.stamp)
-SOURCES := $(filter-out src/analysis/project/%,$(wildcard src/analysis/*.py src/analysis/*/*.py src/analysis/*/*/*.py)) $(wildcard data/published/*.csv)
+SOURCES := $(foreach package,analysis studies,$(wildcard src/$(package)/*.py src/$(package)/*/*.py src/$(package)/*/*/*.py)) $(wildcard data/published/*.csv)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -47,15 +47,15 @@ $(ENVIRONMENT): $(PACKAGES) pyproject.toml
 	@touch $@
 
 reproduce: $(ENVIRONMENT) ## run the notebooks whose inputs changed (in a fresh clone: all), then show the headline table
-	@$(IN_VENV) -m analysis.project.scans --needed || echo "Without the scans, notebook 04 keeps its stored output; everything else is run."
+	@$(IN_VENV) -m project.scans --needed || echo "Without the scans, notebook 04 keeps its stored output; everything else is run."
 	@$(MAKE) --no-print-directory -j 2 notebooks
-	@$(IN_VENV) -m analysis.project.readme --show headline
+	@$(IN_VENV) -m project.readme --show headline
 
 notebooks: $(STAMPS)
 	@echo "The notebooks are up to date."
 
 build/notebooks/%.stamp: notebooks/%.ipynb $(SOURCES) $(PACKAGES) | $(ENVIRONMENT)
-	@$(IN_VENV) -m analysis.project.notebooks run $*
+	@$(IN_VENV) -m project.notebooks run $*
 	@mkdir -p $(@D) && touch $@
 
 # The last notebook reads what the others wrote; these do not need one another.
@@ -70,20 +70,20 @@ test: $(ENVIRONMENT) ## unit tests and doctests; then every notebook run again a
 	  $(IN_VENV) -m pytest $(TOGETHER) --nbval --nbval-current-env notebooks && $(IN_VENV) -m pytest tests/test_results.py
 
 bench: $(ENVIRONMENT) ## time and memory of every method, beside another library's
-	@$(IN_VENV) -m analysis.project.bench
-	@$(IN_VENV) -m analysis.project.tunnel_bench
+	@$(IN_VENV) -m project.bench
+	@$(IN_VENV) -m project.tunnel_bench
 
 lab: $(ENVIRONMENT) ## open the notebooks in JupyterLab
 	@$(IN_VENV) -m jupyterlab --notebook-dir=notebooks
 
 report: $(ENVIRONMENT) ## the notebooks as a static site in build/site
-	@$(IN_VENV) -m analysis.project.site
+	@$(IN_VENV) -m project.site
 
 scans: $(ENVIRONMENT) ## fetch the real scans into data/scans; SCANS_FROM=folder takes them from a folder
-	@$(IN_VENV) -m analysis.project.scans $(if $(SCANS_FROM),--from "$(SCANS_FROM)")
+	@$(IN_VENV) -m project.scans $(if $(SCANS_FROM),--from "$(SCANS_FROM)")
 
 readme: $(ENVIRONMENT) ## renew the generated sections of the README
-	@$(IN_VENV) -m analysis.project.readme
+	@$(IN_VENV) -m project.readme
 
 lock: ## renew environment.txt from environment.in; what still fits keeps its version, unless environment.txt is removed first
 	@$(PYTHON) -m venv --clear build/lock

@@ -6,9 +6,9 @@ import tempfile
 
 import pytest
 
-from analysis import simulate
-from analysis.paths import OUTPUT_VARIABLE
-from analysis.project import scans
+from project import scans
+from studies.ou_liu_2017 import clouds
+from studies.paths import OUTPUT_VARIABLE
 
 
 def pytest_configure(config):
@@ -34,7 +34,7 @@ def pytest_collection_modifyitems(items):
 
 
 def _redraws(gross):
-    points = simulate.sphere_redraws(300, gross=gross)
+    points = clouds.sphere_redraws(300, gross=gross)
     points.flags.writeable = False  # shared by all tests
     return points
 

@@ -5,10 +5,8 @@
 ['eiv', 'geometric', 'igg3_wtls', 'ls', 'mixed_ls_tls', 'robust', 'tls', 'wtls']
 """
 
-from .algorithms import ALGORITHMS
-from .cylinder import CylinderFit
-from .ellipse import EllipseFit
-from .fit import ConvergenceWarning, Fit
+from .adjustment.algorithms import ALGORITHMS
+from .adjustment.wtls import Estimate, ls, mixed_ls_tls, tls, wtls
 from .methods import (
     CYLINDER_METHODS,
     ELLIPSE_METHODS,
@@ -19,12 +17,14 @@ from .methods import (
     fit_plane,
     fit_sphere,
 )
-from .plane import PlaneFit
-from .points import read_points
-from .reliability import Reliability, data_snooping, reliability
+from .orthogonal.reliability import Reliability, data_snooping, reliability
+from .reading import read_points
+from .result import ConvergenceWarning, Fit
 from .similarity import Similarity, fit_similarity
-from .sphere import SphereFit
-from .wtls import Estimate, ls, mixed_ls_tls, tls, wtls
+from .surfaces.cylinder import CylinderFit
+from .surfaces.ellipse import EllipseFit
+from .surfaces.plane import PlaneFit
+from .surfaces.sphere import SphereFit
 
 __all__ = [
     "ALGORITHMS",

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fit import ConvergenceWarning, Fit
 from .methods import PLANE_METHODS, SPHERE_METHODS, Method, fit_plane, fit_sphere
-from .plane import PlaneFit
-from .points import read_points
-from .sphere import SphereFit
+from .reading import read_points
+from .result import ConvergenceWarning, Fit
+from .surfaces.plane import PlaneFit
+from .surfaces.sphere import SphereFit
 from .tunnel import command as tunnel
 
 

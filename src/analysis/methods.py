@@ -11,9 +11,12 @@ from functools import partial
 
 import numpy as np
 
-from . import cylinder, ellipse, igg3, plane, robust, sphere
-from .fit import Fit, joined, warn_if_not_converged
-from .validation import BLOCK, covariance_array, finite_array, one_of, pieces, point_array, positive, weight_array
+from .adjustment import igg3
+from .blocks import BLOCK, pieces
+from .checks import covariance_array, finite_array, one_of, point_array, positive, weight_array
+from .orthogonal import gauss_helmert
+from .result import Fit, joined, warn_if_not_converged
+from .surfaces import cylinder, ellipse, plane, sphere
 
 # Where the number of iterations varies much from cloud to cloud, more of them together: the slowest then
 # run alone for a smaller part of the time.
@@ -49,8 +52,8 @@ SPHERE_METHODS: dict[str, Method] = {
     "wtls": Method("WTLS", "Schaffrin & Wieser 2008; " + OU_LIU, "#E69F00", sphere.wtls),
     "igg3_wtls": Method("IGG III-WTLS", OU_LIU, "#009E73", igg3.igg3_wtls, LONG_BLOCK),
     "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", sphere.eiv, consistent=True),
-    "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", robust.geometric, consistent=True),
-    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
+    "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", gauss_helmert.geometric, consistent=True),
+    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", gauss_helmert.robust, consistent=True),
 }
 
 
@@ -65,21 +68,21 @@ PLANE_METHODS: dict[str, Method] = {
     ),
     "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", plane.eiv, consistent=True),
     "geometric": Method("orthogonal distance", "Pearson 1901; Pope 1972", "#999999", plane.geometric, consistent=True),
-    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
+    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", gauss_helmert.robust, consistent=True),
 }
 
 
 ELLIPSE_METHODS: dict[str, Method] = {
     "direct": Method("direct LS", "Fitzgibbon, Pilu & Fisher 1999; Halir & Flusser 1998", "#0072B2", ellipse.direct),
     "robust_direct": Method("robust direct LS", "after Xu & Yao 2008", "#009E73", ellipse.robust_direct),
-    "geometric": Method("orthogonal distance", "Gander, Golub & Strebel 1994; Pope 1972", "#999999", robust.geometric, consistent=True),
-    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
+    "geometric": Method("orthogonal distance", "Gander, Golub & Strebel 1994; Pope 1972", "#999999", gauss_helmert.geometric, consistent=True),
+    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", gauss_helmert.robust, consistent=True),
 }
 
 
 CYLINDER_METHODS: dict[str, Method] = {
-    "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", robust.geometric, consistent=True),
-    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", robust.robust, consistent=True),
+    "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", gauss_helmert.geometric, consistent=True),
+    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", gauss_helmert.robust, consistent=True),
 }
 
 
@@ -274,7 +277,7 @@ def _fitted(geometry: Geometry, points, method, cofactors, weights, absolute, se
         "cofactors": None if full is None else full.reshape((-1, n, dim, dim)),
         **{name: np.full(count, value) for name, value in held.items()},
     }
-    if chosen.function is robust.robust:
+    if chosen.function is gauss_helmert.robust:
         options["seed"] = seed
     flat = points.reshape((-1, n, dim))
     fits = []

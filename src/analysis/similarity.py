@@ -31,11 +31,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 from scipy.stats import f as fisher
 
-from .accuracy import cofactor_from_normal, propagate, solve, unit_weight_sd
-from .fit import warn_if_not_converged
-from .validation import BLOCK, covariance_array, finite_array, pieces, positive, weight_array, whole_number
-from .weights import IGG3
-from .wtls import Ended, iterate
+from .adjustment.iteration import Ended, iterate
+from .adjustment.linalg import cofactor_from_normal, propagate, solve, unit_weight_sd
+from .adjustment.weights import IGG3
+from .blocks import BLOCK, pieces
+from .checks import covariance_array, finite_array, positive, weight_array, whole_number
+from .result import warn_if_not_converged
 
 SMALLEST = 3  # pairs that determine a similarity
 TOLERANCE = 1e-13  # of a step, relative to the spread of the points

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import analysis
-from analysis.algorithms import ALGORITHMS
-from analysis.conventions import CONVENTIONS
+from analysis.adjustment.algorithms import ALGORITHMS
+from analysis.adjustment.cofactors import CONVENTIONS
 
 
 def problem(name):

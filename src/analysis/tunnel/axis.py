@@ -23,9 +23,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.ndimage import median_filter
 
-from ..accuracy import cofactor_from_normal, solve
-from ..validation import pieces, point_array, positive, real_array
-from ..weights import Bisquare
+from ..adjustment.linalg import cofactor_from_normal, solve
+from ..adjustment.weights import Bisquare
+from ..blocks import pieces
+from ..checks import point_array, positive, real_array
 
 # A quadratic departs from a circular arc by about L⁴/(1024 R³): 0.5 mm for 60 m of a 300 m radius, but 3.6 mm and 1.2 mrad for 100 m.
 LONGEST_QUADRATIC = 60.0  # m

@@ -40,10 +40,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..accuracy import cofactor_from_normal, solve
-from ..fit import ConvergenceWarning
-from ..validation import finite_array, pieces, point_array, positive
-from ..weights import IGG3
+from ..adjustment.linalg import cofactor_from_normal, solve
+from ..adjustment.weights import IGG3
+from ..blocks import pieces
+from ..checks import finite_array, point_array, positive
+from ..result import ConvergenceWarning
 from .axis import MAD_TO_SD, Axis, group_medians
 from .lining_surface import POINTS_THAT_COUNT, ROUGHNESS
 from .registration import Station

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from .. import tables
-from ..points import read_points
-from .changes import LEVEL, LIMITS, SHARE
+from ..export import tables
+from ..reading import read_points
 from .comparison import REGISTRATION_SD, SPACING, STEPS, Comparison, compare
 from .sections import THICKNESS
+from .significance import LEVEL, LIMITS, SHARE
 
 OUTPUT = "tunnel_comparison"
 MEANING = f"""\
@@ -114,8 +114,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(result: Comparison, folder: Path) -> list[Path]:
     """Tables and figures; returns the tables, beside each of which but the first a figure lies."""
-    from ..figures import into
-    from ..figures import tunnel as figures  # takes its time to load, which the other commands need not wait for
+    from ..export.figures import into
+    from . import figures  # takes its time to load, which the other commands need not wait for
 
     publish = into(folder)
     table = result.table()

@@ -17,16 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from ..ellipse import EllipseFit
-from ..fit import ConvergenceWarning
+from ..blocks import pieces
+from ..checks import finite_array, point_array, positive
 from ..methods import fit_ellipse
-from ..validation import finite_array, pieces, point_array, positive
+from ..result import ConvergenceWarning
+from ..surfaces.ellipse import EllipseFit
 from .axis import Axis, robust_axis
-from .changes import Significance, classes, differences, flagged, share_beyond, significance
-from .deformation import Deformation, deformation, quantities
 from .filter import FilteredLining, filter_lining
+from .outlines import Deformation, deformation, quantities
 from .sections import DIRECTIONS, THICKNESS, Radii, Section, cut, local_radii
 from .sections import FEWEST as FEWEST_RADII
+from .significance import Significance, classes, differences, flagged, share_beyond, significance
 
 SPACING = 10.0  # m between sections (Li et al. 2015, section 4.1)
 REGISTRATION_SD = 0.001  # m, of a section's shift between the epochs, in each coordinate

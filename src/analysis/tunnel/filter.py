@@ -19,11 +19,12 @@ from typing import Protocol
 
 import numpy as np
 
-from .. import cylinder
-from ..cylinder import CylinderFit
-from ..fit import joined
-from ..robust import robust
-from ..validation import one_of, pieces, point_array, positive
+from ..blocks import pieces
+from ..checks import one_of, point_array, positive
+from ..orthogonal.gauss_helmert import robust
+from ..result import joined
+from ..surfaces import cylinder
+from ..surfaces.cylinder import CylinderFit
 from .lining_surface import PixelGrid, fitted, median_scale
 
 LINING, INSIDE, OUTSIDE, UNSUPPORTED = 0, -1, 1, 2

@@ -20,7 +20,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array
 
-from ..weights import IGG3
+from ..adjustment.weights import IGG3
 
 PIXEL = 0.05  # m
 KNOTS = 0.5  # m, and farther apart where there are fewer than so many points

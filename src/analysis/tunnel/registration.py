@@ -20,8 +20,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from ..checks import finite_array, positive
 from ..similarity import SMALLEST, Similarity, fit_similarity, thirteen_parameters, umeyama
-from ..validation import finite_array, positive
 
 OBSERVED = ["station", "target", "x", "y", "z"]
 CONTROL = ["target", "x", "y", "z"]

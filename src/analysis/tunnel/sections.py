@@ -20,9 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..accuracy import solve
-from ..validation import finite_array, pieces, point_array, positive, real_array
-from ..weights import Bisquare
+from ..adjustment.linalg import solve
+from ..adjustment.weights import Bisquare
+from ..blocks import pieces
+from ..checks import finite_array, point_array, positive, real_array
 from .axis import Axis
 
 THICKNESS = 0.05  # m (Li et al. 2015, section 4.2.2)

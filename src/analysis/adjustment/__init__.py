@@ -1,0 +1,1 @@
+"""Linear adjustment with errors in all variables, without geometry."""

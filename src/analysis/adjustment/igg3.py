@@ -1,0 +1,166 @@
+"""IGG III-WTLS, the robust weighted total least squares of Ou & Liu 2017, as printed and as it can be read.
+
+The algorithm takes one Schaffrin-Wieser step, measures the distances from the new surface, turns them
+into weight factors and multiplies the weights by them, until the parameters stand still. What the paper
+leaves open (the scale of the residuals, the exponent, the first weights) is a keyword.
+
+The paper has it for the sphere. Any cloud that has a ``printed`` problem can be solved by it: one gives the
+problem with its printed cofactors, the distances that belong to its misclosures and the printed parameters.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from ..checks import one_of, positive, whole_number
+from ..result import Fit, Iteration, rms
+from .cofactors import gauss_newton_cofactor
+from .iteration import iterate
+from .linalg import solve, unit_weight_sd
+from .problem import EIVProblem
+from .steps import misclosures, objective, schaffrin_wieser_step
+from .weights import IGG3
+
+MAD_TO_SD = 1.482602218505602  # 1/Φ⁻¹(3/4): the median absolute deviation of a normal variable as a standard deviation
+
+
+class Printed(Protocol):
+    """The printed problem of a stack of clouds, in the clouds' own frames, and what leads back to the printed one."""
+
+    problem: EIVProblem
+    length: np.ndarray  # (B,) m, unit of the distances
+
+    def distances(self, x, r): ...  # signed orthogonal distances (B, n) in units of the length, from misclosures r
+
+    def parameters(self, x): ...  # (B, t) parameters of the surface, in m
+
+    def step(self, difference): ...  # (B,) |ΔX| of the printed parameters X, from a difference of x
+
+    def __getitem__(self, keep): ...  # some of the clouds
+
+
+def igg3_wtls(
+    cloud,
+    *,
+    scale: str = "rms",
+    power: int = 1,
+    cumulative: bool = True,
+    unit_weight: float = 1.0,
+    k0: float = 1.5,
+    k1: float = 2.5,
+    tolerance: float = 1e-6,
+    start: str = "Q_Y",
+    max_iterations: int = 1000,
+    history: bool = False,
+) -> Fit:
+    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in more than one way.
+
+    One Schaffrin-Wieser step with the current weights, distances from the new surface, weight factors
+    ω(|d|/σ), new weights; until the step in the printed parameters X is below ``tolerance``. The defaults are the
+    literal reading.
+
+    scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term), ``rms_in`` of the
+        points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made consistent at the normal law, ``mad``
+        the median absolute distance (times 1.4826 n/(n − 4)), ``unit`` the unit-weight standard deviation
+    power : 1 as printed in eq. (13), 2 the usual IGG III
+    cumulative : True as printed in step 6, P ← P·ω; False the text of section 1.3, P = P_base·ω
+    unit_weight : P_X of the first iteration, which the paper does not give
+    k0, k1 : thresholds of eq. (13), ``0 < k0 < k1``
+    start : weights of the first solution, ``Q_Y`` as printed in eq. (15) or ``P_Y``, its inverse
+    history : keep every iteration (one cloud only)
+
+    σ0 = √(λᵀ(Y − AX)/(n − 4)) in m over all n points, rejected ones included, as printed; the covariance is
+    that of weighted least squares with the final weights, which is what the paper's theory offers and is
+    too optimistic, since the weights come from the same residuals.
+
+    Source: Ou & Liu 2017, eqs. (11)-(18).
+    """
+    function = IGG3(positive(k0, "k0"), positive(k1, "k1"), power)
+    estimate_scale = SCALES[one_of(scale, SCALES, "scale")]
+    tolerance = positive(tolerance, "tolerance")
+    base = positive(unit_weight, "unit_weight")
+    one_of(start, ("Q_Y", "P_Y"), "start")
+    whole_number(max_iterations, "max_iterations")
+    if history and cloud.first is not None:
+        raise ValueError("history: expected a single cloud, got a stack")
+
+    printed = cloud.printed(base)
+    problem = printed.problem
+    # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
+    x = _weighted_solution(problem, problem.cofactors.h if start == "Q_Y" else 1.0 / problem.cofactors.h)
+    x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
+    iterations = []
+
+    def advance(printed: Printed, state):
+        """Steps 3 to 7; the state: X(i), its misclosures, the weights used for X(i) and those to be used next."""
+        x, z, r, _, weights = state
+        new = schaffrin_wieser_step(printed.problem, x, weights, (z, r))
+        z, r = misclosures(printed.problem, new)
+        distances = printed.distances(new, r)
+        sigma = estimate_scale(printed, new, distances, weights, function)
+        factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
+        moved = printed.step(new - x)
+        lost = ~np.isfinite(moved + sigma) | (np.count_nonzero(weights, axis=-1) < problem.parameters)
+        if history:
+            iterations.append(Iteration(printed.parameters(new)[0], sigma[0] * printed.length[0], weights[0]))
+        state = np.where(lost[:, None], x, new), z, r, weights, weights * factors if cumulative else factors
+        return state, np.select([lost, moved < tolerance], [1, 2], 0)
+
+    endings = [
+        (False, "not converged: too few points kept a weight to determine the surface"),
+        (True, f"the step in the printed parameters fell below {tolerance:g}"),
+    ]
+    ones = np.ones(cloud.points.shape[:2])
+    state = (x, *misclosures(problem, x), ones, ones)
+    ended = iterate(printed, state, advance, endings, max_iterations)
+    x, _, _, weights, _ = ended.state
+    sigma_0 = unit_weight_sd(objective(problem, x, weights), cloud.count - problem.parameters)
+    cofactor = gauss_newton_cofactor(problem, x, weights)
+    return cloud.finished("igg3_wtls", x, cofactor, sigma_0, ended, weights, tuple(iterations))
+
+
+def _weighted_solution(problem: EIVProblem, weights: np.ndarray) -> np.ndarray:
+    """``(AᵀPA)⁻¹AᵀPY``, (B, m)."""
+    m = problem.parameters
+    N = (problem.rows[:, :m] * weights[:, None, :]) @ problem.rows.swapaxes(-1, -2)
+    return solve(N[..., :m], N[..., m:])[..., 0]
+
+
+# The readings of σ in V/σ, each (B,) in units of the clouds' length.
+
+
+def _rms_of_all(printed, x, distances, weights, function):
+    return rms(distances)
+
+
+def _rms_in_use(printed, x, distances, weights, function):
+    return rms(distances, where=weights > 0)
+
+
+def _rms_weighted(printed, x, distances, weights, function):
+    return np.sqrt(np.sum(weights * distances**2, axis=-1) / np.sum(weights, axis=-1))
+
+
+def _rms_weighted_consistent(printed, x, distances, weights, function):
+    return _rms_weighted(printed, x, distances, weights, function) / np.sqrt(function.consistency_factor)
+
+
+def _mad(printed, x, distances, weights, function):
+    n = distances.shape[-1]
+    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(n - printed.problem.parameters, 1)
+
+
+def _unit_weight(printed, x, distances, weights, function):
+    return unit_weight_sd(objective(printed.problem, x, weights), distances.shape[-1] - printed.problem.parameters) / printed.length
+
+
+SCALES = {
+    "rms": _rms_of_all,
+    "rms_in": _rms_in_use,
+    "rms_w": _rms_weighted,
+    "rms_wc": _rms_weighted_consistent,
+    "mad": _mad,
+    "unit": _unit_weight,
+}

@@ -1,0 +1,191 @@
+"""The errors-in-variables problem: rows, and what is known of their errors.
+
+    y − e_y = (A − E_A) x                                    (Ou & Liu 2017, eq. 1)
+
+Row i of the problem is ``ℓ_i = (a_i, y_i)``, m + 1 numbers with a joint cofactor. With
+``z = (−x, 1)`` its misclosure is ``r_i = ℓ_i·z = y_i − a_i x`` and the cofactor of that
+misclosure follows by propagation. Three structures of cofactors are known here:
+
+========================  =============================================  =================
+class                     cofactor of the rows                           misclosure
+========================  =============================================  =================
+:class:`CommonCofactors`  ``g_i C + h_i e eᵀ`` (e picks y)               O(1) a row
+:class:`RowCofactors`     any ``(m+1, m+1)`` matrix a row, rows free     O(m²) a row
+:class:`DenseCofactors`   any ``(n(m+1), n(m+1))`` matrix                O(n³): reference
+========================  =============================================  =================
+
+The Kronecker structure ``Q_A = Q_0 ⊗ Q_X`` with diagonal Q_X and Q_y is the first of them.
+Rows are stored one array a coordinate, ``(…, m+1, n)``: what is done to all points at once
+then runs through contiguous memory.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .linalg import solve
+
+
+class IndependentRows:
+    """What the structures with independent rows share: a misclosure cofactor s (…, n), one number a row."""
+
+    @staticmethod
+    def weigh(s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
+        """``ω S⁻¹`` times each of the ``columns`` (…, k, n); ``weights`` ω (…, n) or 1."""
+        return columns * (weights / s)[..., None, :]
+
+    def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Predicted errors of A, ``ẽ = Q Bᵀ λ`` without its y part, (…, m, n)."""
+        return self.column_cofactors(z) * multipliers[..., None, :]
+
+    @staticmethod
+    def slope(z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        """``−(∂S/∂x_j) λ``, (…, m, n), from the predicted errors: twice these, because each Q_i is symmetric."""
+        return 2.0 * errors
+
+
+@dataclass(frozen=True)
+class CommonCofactors(IndependentRows):
+    """Cofactor of row i: ``g_i C + h_i e eᵀ``, with e the unit vector that picks y.
+
+    C : (…, m+1, m+1) symmetric, the part common to all rows; exact columns are zero in it.
+    g : (…, n) or (…, 1), its factor a row (``Q_X`` of the Kronecker form).
+    h : (…, n) or (…, 1), what y has beyond it.
+    """
+
+    C: np.ndarray
+    g: np.ndarray
+    h: np.ndarray
+
+    def misclosure(self, z: np.ndarray) -> np.ndarray:
+        """Cofactor ``s_i = g_i zᵀCz + h_i`` of the misclosures, (…, n)."""
+        return np.einsum("...i,...ij,...j->...", z, self.C, z)[..., None] * self.g + self.h
+
+    def column_cofactors(self, z: np.ndarray) -> np.ndarray:
+        """``Q_i z`` without its y component, (…, m, n)."""
+        return np.einsum("...ij,...j->...i", self.C, z)[..., :-1, None] * self.g[..., None, :]
+
+    def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """``Σ λ_i t_i Q_i``, (…, m+1, m+1), without what h adds to its last element."""
+        return np.einsum("...n,...n,...n->...", multipliers, t, np.broadcast_to(self.g, t.shape))[..., None, None] * self.C
+
+    def transformed(self, L: np.ndarray) -> CommonCofactors:
+        """The cofactors of the rows ``L ℓ_i``; the last column of L must be a multiple of e, so that h stays y's own."""
+        return CommonCofactors(L @ self.C @ L.swapaxes(-1, -2), self.g, self.h * L[..., -1, -1, None] ** 2)
+
+    def flattened(self, lead: tuple[int, ...]) -> CommonCofactors:
+        """The same, for a stack whose leading axes ``lead`` are made one."""
+        return CommonCofactors(*(_flat(array, lead, core) for array, core in ((self.C, 2), (self.g, 1), (self.h, 1))))
+
+    def __getitem__(self, keep) -> CommonCofactors:
+        return CommonCofactors(self.C[keep], self.g[keep], self.h[keep])
+
+
+@dataclass(frozen=True)
+class RowCofactors(IndependentRows):
+    """Any cofactor ``Q`` (…, n, m+1, m+1) for each row ``(a_i, y_i)``; rows are independent."""
+
+    Q: np.ndarray
+
+    def misclosure(self, z: np.ndarray) -> np.ndarray:
+        return np.einsum("...i,...nij,...j->...n", z, self.Q, z, optimize=True)
+
+    def column_cofactors(self, z: np.ndarray) -> np.ndarray:
+        return np.einsum("...nij,...j->...in", self.Q, z)[..., :-1, :]
+
+    def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
+        return np.einsum("...n,...nij->...ij", multipliers * t, self.Q)
+
+    def transformed(self, L: np.ndarray) -> RowCofactors:
+        L = L[..., None, :, :]
+        return RowCofactors(L @ self.Q @ L.swapaxes(-1, -2))
+
+    def flattened(self, lead: tuple[int, ...]) -> RowCofactors:
+        return RowCofactors(_flat(self.Q, lead, 3))
+
+    def __getitem__(self, keep) -> RowCofactors:
+        return RowCofactors(self.Q[keep])
+
+
+@dataclass(frozen=True)
+class DenseCofactors:
+    """Any joint cofactor of all rows: blocks ``Q[…, j, k]`` (n, n) = cov(column j, column k), y last.
+
+    The only place where an n×n matrix is formed: for problems correlated from row to row, and
+    to check the others.
+    """
+
+    Q: np.ndarray
+
+    @classmethod
+    def from_blocks(cls, Q_y: np.ndarray, Q_A: np.ndarray, Q_Ay: np.ndarray) -> DenseCofactors:
+        """From ``Q_y`` (n, n), ``Q_A`` (nm, nm) of vec(A) column by column and ``Q_Ay`` (nm, n)."""
+        n = len(Q_y)
+        m = len(Q_A) // n
+        Q = np.empty((m + 1, m + 1, n, n))
+        Q[:m, :m] = Q_A.reshape(m, n, m, n).swapaxes(1, 2)
+        Q[:m, m] = Q_Ay.reshape(m, n, n)
+        Q[m, :m] = Q[:m, m].swapaxes(-1, -2)
+        Q[m, m] = Q_y
+        return cls(Q)
+
+    def misclosure(self, z: np.ndarray) -> np.ndarray:
+        """Cofactor ``S = B Q Bᵀ`` of the misclosures, (…, n, n)."""
+        return np.einsum("...j,...jkab,...k->...ab", z, self.Q, z, optimize=True)
+
+    @staticmethod
+    def weigh(S: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
+        """``S⁻¹`` times each of the ``columns``; correlated rows take no weights of their own, so ω is 1."""
+        return solve(S, columns.swapaxes(-1, -2)).swapaxes(-1, -2)
+
+    def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        return np.einsum("...jkab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[..., :-1, :]
+
+    def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        """``−(∂S/∂x_j) λ``, (…, m, n): the predicted errors and their transposed counterpart."""
+        return errors + np.einsum("...kjab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[..., :-1, :]
+
+    def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
+        return np.einsum("...a,...jkab,...b->...jk", multipliers, self.Q, t, optimize=True)
+
+    def transformed(self, L: np.ndarray) -> DenseCofactors:
+        return DenseCofactors(np.einsum("...ij,...jkab,...lk->...ilab", L, self.Q, L, optimize=True))
+
+    def flattened(self, lead: tuple[int, ...]) -> DenseCofactors:
+        return DenseCofactors(_flat(self.Q, lead, 4))
+
+    def __getitem__(self, keep) -> DenseCofactors:
+        return DenseCofactors(self.Q[keep])
+
+
+@dataclass(frozen=True)
+class EIVProblem:
+    """Rows ``(…, m+1, n)`` of ``[A | y]``, one array a column, with the cofactors of their errors."""
+
+    rows: np.ndarray
+    cofactors: CommonCofactors | RowCofactors | DenseCofactors
+
+    @property
+    def count(self) -> int:
+        return self.rows.shape[-1]
+
+    @property
+    def parameters(self) -> int:
+        return self.rows.shape[-2] - 1
+
+    def flattened(self) -> EIVProblem:
+        """The same stack with a single leading axis."""
+        lead = self.rows.shape[:-2]
+        return EIVProblem(self.rows.reshape((-1,) + self.rows.shape[-2:]), self.cofactors.flattened(lead))
+
+    def __getitem__(self, keep) -> EIVProblem:
+        """The problems of a stack that ``keep`` (a mask over the leading axis) selects."""
+        return EIVProblem(self.rows[keep], self.cofactors[keep])
+
+
+def _flat(array: np.ndarray, lead: tuple[int, ...], core: int) -> np.ndarray:
+    """``array`` with leading axes broadcast to ``lead`` and made one; its last ``core`` axes stay."""
+    kept = array.shape[array.ndim - core :]
+    return np.broadcast_to(array, lead + kept).reshape((-1,) + kept)

@@ -1,0 +1,187 @@
+"""One step of each iteration for weighted total least squares, ``min Φ(x) = rᵀS(x)⁻¹r``.
+
+With the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ of A and the adjusted rows ``Ã = A − Ẽ`` the
+gradient is ``½∇Φ = −Ãᵀλ``, and every iteration known for the problem moves by
+
+    x⁺ = x + N⁻¹ Ãᵀλ
+
+They differ only in the matrix N that stands for half the Hessian, hence in speed and not in the solution
+(W = S⁻¹, B = A less the slope of S, V = Σ λ² Q):
+
+====================  ==============  =================================================
+step                  N               source
+====================  ==============  =================================================
+newton                BᵀWB − V        Fang 2013 (the exact Hessian: quadratic convergence)
+schaffrin_wieser      AᵀWA − V        Schaffrin & Wieser 2008
+shen                  ÃᵀWÃ            Shen, Li & Chen 2011 (Gauss-Newton; Neitzel 2010)
+amiri_simkooei        ÃᵀWÃ            Amiri-Simkooei & Jazaeri 2012
+fang                  AᵀWA            Fang 2013, algorithm 1
+mahboub               ÃᵀWA            Mahboub 2012
+====================  ==============  =================================================
+
+The sources print most of them as ``x⁺ = N⁻¹(…)``. The increment is the same and loses less to rounding.
+
+A step takes a problem or a stack of them and x (…, m), and returns x⁺; where N is singular, NaN.
+
+>>> rows = np.array([[1.0, 1.0, 1.0, 1.0], [0.1, 0.9, 2.1, 2.9], [1.0, 3.1, 4.9, 7.1]])  # a line with errors in its 2nd column and in y
+>>> problem = EIVProblem(rows, CommonCofactors(np.diag([0.0, 1.0, 0.0]), np.ones(4), np.ones(4)))
+>>> x = np.array([1.0, 2.0])
+>>> for _ in range(6):
+...     x = newton_step(problem, x)
+>>> max(float(np.abs(step(problem, x) - x).max()) for step in (schaffrin_wieser_step, shen_step, fang_step, mahboub_step)) < 1e-14
+True
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .linalg import solve
+from .problem import CommonCofactors, EIVProblem  # noqa: F401 - CommonCofactors is in the example above
+
+HALVINGS = 20  # of a Gauss-Newton step that climbs; it leads downhill, so that a few are enough
+
+
+def misclosures(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``z = (−x, 1)`` (…, m+1) and the misclosures ``r = y − A x`` (…, n)."""
+    z = np.concatenate([-x, np.ones(x.shape[:-1] + (1,))], axis=-1)
+    return z, (z[..., None, :] @ problem.rows)[..., 0, :]
+
+
+def objective(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0) -> np.ndarray:
+    """``Φ(x) = Σ ω r²/s`` (in dense form ``rᵀS⁻¹r``), the least weighted sum of squared errors that x allows."""
+    z, r = misclosures(problem, x)
+    multipliers = problem.cofactors.weigh(problem.cofactors.misclosure(z), r[..., None, :], weights)[..., 0, :]
+    return np.sum(multipliers * r, axis=-1)
+
+
+def value_and_gradient(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``Φ`` (…) and half its gradient ``½∇Φ = −Ãᵀλ`` (…, m)."""
+    z, r = misclosures(problem, x)
+    multipliers = problem.cofactors.weigh(problem.cofactors.misclosure(z), r[..., None, :])[..., 0, :]
+    adjusted = problem.rows[..., :-1, :] - problem.cofactors.errors(z, multipliers)
+    return np.sum(multipliers * r, axis=-1), -_times(adjusted, multipliers)
+
+
+def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``Φ = rᵀS⁻¹r`` with half its gradient (…, m) and half its exact Hessian (…, m, m).
+
+    ``½∇Φ = −(A − Ẽ)ᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``λ = S⁻¹r``, ``B = A − slope``, ``V = Σ λ² Q``.
+    Source: Fang 2013, for independent rows; the slope is that of S in full.
+    """
+    m = problem.parameters
+    cofactors = problem.cofactors
+    z, r = misclosures(problem, x)
+    s = cofactors.misclosure(z)
+    multipliers = cofactors.weigh(s, r[..., None, :])[..., 0, :]
+    columns = problem.rows[..., :m, :]
+    errors = cofactors.errors(z, multipliers)
+    gradient = -_times(columns - errors, multipliers)
+    B = columns - cofactors.slope(z, multipliers, errors)
+    hessian = cofactors.weigh(s, B) @ B.swapaxes(-1, -2)
+    hessian -= cofactors.weighted_sum(multipliers, multipliers)[..., :m, :m]
+    return np.sum(multipliers * r, axis=-1), gradient, hessian
+
+
+def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
+    """One Newton step with the exact Hessian; where Φ would not fall a Gauss-Newton step, halved until it does.
+
+    Far from the solution the Hessian need not be positive definite, and a Newton step can lead to a saddle. A
+    Gauss-Newton step always starts downhill.
+    """
+    value, gradient, hessian = derivatives(problem, x)
+    step = -solve(hessian, gradient[..., None])[..., 0]
+    highest = value * (1 + 1e-12)
+    fine = np.isfinite(hessian).all(axis=(-1, -2))
+    curved = np.linalg.eigvalsh(np.where(fine[..., None, None], hessian, 0.0))[..., 0] > 0
+    good = curved & (objective(problem, x + step) <= highest)
+    if np.all(good):
+        return x + step
+    other = shen_step(problem, x) - x
+    for _ in range(HALVINGS):
+        climbs = ~(objective(problem, x + other) <= highest) & ~good
+        if not np.any(climbs):
+            break
+        other = np.where(climbs[..., None], 0.5 * other, other)
+    return x + np.where(good[..., None], step, other)
+
+
+def schaffrin_wieser_step(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0, known=None) -> np.ndarray:
+    """One step ``x⁺ = (AᵀWA − V)⁻¹ (AᵀWy − v)`` from x; robust ``weights`` ω ≥ 0 act on whole rows.
+
+    ``W = ω/s``, ``t = r/s`` and ``[V v] = Σ ω t² Q_i`` (for the Kronecker form V = ν Q_0). Computed as the
+    increment ``(AᵀWA − V)⁻¹ (AᵀWr + Vx − v)``, which is the same and loses less to rounding. Nothing is
+    divided by ω, so a weight of zero takes its row out and leaves no NaN behind. ``known`` are the
+    :func:`misclosures` at x where a caller has them already.
+
+    Source: Schaffrin & Wieser 2008; Ou & Liu 2017, eqs. (16)-(17), with V and v extended to any
+    cofactors of the rows.
+    """
+    m = problem.parameters
+    cofactors = problem.cofactors
+    z, r = known or misclosures(problem, x)
+    s = cofactors.misclosure(z)
+    t = cofactors.weigh(s, r[..., None, :])[..., 0, :]
+    columns = problem.rows[..., :m, :]
+    weighed = cofactors.weigh(s, columns, weights)
+    V = cofactors.weighted_sum(weights * t, t)[..., :m, :]
+    right = weighed @ r[..., None] - V @ z[..., None]
+    return x + solve(weighed @ columns.swapaxes(-1, -2) - V[..., :m], right)[..., 0]
+
+
+def shen_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
+    """One Gauss-Newton step ``x⁺ = x + (ÃᵀWÃ)⁻¹ ÃᵀWr``; the same as of Gauss-Helmert adjustment.
+
+    Source: Shen, Li & Chen 2011; Neitzel 2010.
+    """
+    columns, errors, s, multipliers = _adjustment(problem, x)
+    adjusted = columns - errors
+    N = problem.cofactors.weigh(s, adjusted) @ adjusted.swapaxes(-1, -2)
+    return x + solve(N, _times(adjusted, multipliers)[..., None])[..., 0]
+
+
+def amiri_simkooei_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
+    """One step ``x⁺ = (ÃᵀWÃ)⁻¹ ÃᵀWỹ`` with ``ỹ = y − Ẽx``: least squares of the adjusted rows.
+
+    In exact arithmetic it is :func:`shen_step`, because ``ỹ − Ãx = r``; here as its authors print it.
+    Source: Amiri-Simkooei & Jazaeri 2012.
+    """
+    columns, errors, s, _ = _adjustment(problem, x)
+    adjusted = columns - errors
+    y = problem.rows[..., -1, :] - (x[..., None, :] @ errors)[..., 0, :]
+    weighed = problem.cofactors.weigh(s, adjusted)
+    return solve(weighed @ adjusted.swapaxes(-1, -2), _times(weighed, y)[..., None])[..., 0]
+
+
+def fang_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
+    """One step ``x⁺ = (AᵀWA)⁻¹ (AᵀWy − Ẽᵀλ)``, as the increment ``(AᵀWA)⁻¹ Ãᵀλ``.
+
+    Source: Fang 2013, algorithm 1.
+    """
+    columns, errors, s, multipliers = _adjustment(problem, x)
+    N = problem.cofactors.weigh(s, columns) @ columns.swapaxes(-1, -2)
+    return x + solve(N, _times(columns - errors, multipliers)[..., None])[..., 0]
+
+
+def mahboub_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
+    """One step ``x⁺ = (ÃᵀWA)⁻¹ ÃᵀWy``, as the increment ``(ÃᵀWA)⁻¹ Ãᵀλ``.
+
+    Source: Mahboub 2012.
+    """
+    columns, errors, s, multipliers = _adjustment(problem, x)
+    adjusted = columns - errors
+    N = adjusted @ problem.cofactors.weigh(s, columns).swapaxes(-1, -2)
+    return x + solve(N, _times(adjusted, multipliers)[..., None])[..., 0]
+
+
+def _adjustment(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """At x: the columns of A and their predicted errors (…, m, n), the cofactor of the misclosures, the multipliers (…, n)."""
+    z, r = misclosures(problem, x)
+    s = problem.cofactors.misclosure(z)
+    multipliers = problem.cofactors.weigh(s, r[..., None, :])[..., 0, :]
+    return problem.rows[..., :-1, :], problem.cofactors.errors(z, multipliers), s, multipliers
+
+
+def _times(columns: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """``Aᵀv`` for columns (…, m, n) of A and v (…, n)."""
+    return (columns @ vector[..., None])[..., 0]

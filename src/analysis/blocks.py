@@ -1,0 +1,16 @@
+"""Long arrays are walked through in pieces that fit the processor's cache."""
+
+from __future__ import annotations
+
+# Arrays are walked through in pieces of about this many points: the handful of temporaries a
+# piece needs then stays in the processor's cache, and the memory in use does not grow with n.
+BLOCK = 16_384
+
+
+def pieces(count: int, size: int = BLOCK) -> list[slice]:
+    """Consecutive slices of at most ``size`` that cover ``range(count)``.
+
+    >>> pieces(5, 2)
+    [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]
+    """
+    return [slice(start, min(start + size, count)) for start in range(0, count, size)]

@@ -1,0 +1,1 @@
+"""Orthogonal distances to any surface: adjustment, robust fit, reliability."""

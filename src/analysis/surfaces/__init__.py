@@ -1,0 +1,1 @@
+"""One surface per file: its geometric model, its fit and its clouds."""

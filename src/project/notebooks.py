@@ -1,0 +1,154 @@
+"""
+Run notebooks in place.
+
+``python -m project.notebooks run NAME...`` with names as ``03_sphere_tables``. A notebook whose results did not change stays the
+same byte for byte; one that fails stays as it was.
+"""
+
+import argparse
+import re
+import shutil
+import sys
+import threading
+import time
+
+import nbformat
+from ipykernel.kernelspec import RESOURCES, get_kernel_dict
+from jupyter_client import AsyncKernelManager
+from jupyter_client.kernelspec import KernelSpec
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError, DeadKernelError
+
+from analysis.export import files
+from studies import paths
+
+from . import scans
+
+METADATA = {
+    "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+    "language_info": {"name": "python"},
+}
+"""What a notebook says of its kernel: nothing that depends on who ran it."""
+
+
+class ThisPython(AsyncKernelManager):
+    """Starts kernels with the Python that runs this, whatever kernels the user has installed under the same name."""
+
+    @property
+    def kernel_spec(self):
+        return KernelSpec(resource_dir=RESOURCES, **get_kernel_dict())
+
+
+class Progress(threading.Thread):
+    """
+    Where a running notebook is: name, code cell i of n, its section, seconds.
+
+    On a terminal this is one line whose seconds count; elsewhere one line for each finished cell.
+    """
+
+    def __init__(self, name, notebook, stream):
+        super().__init__(daemon=True)
+        self.name_, self.stream = name, stream
+        self.sections = sections(notebook)
+        self.cell, self.begin, self.cell_begin = 0, time.monotonic(), time.monotonic()
+        self.finished = threading.Event()
+
+    def run(self):
+        """Redraw the line every second until finished (a terminal only)."""
+        while not self.finished.wait(1):
+            self.draw()
+
+    def draw(self):
+        """Draw the line over itself."""
+        text = f"{self.line()}  {time.monotonic() - self.begin:.0f} s"
+        # Cut, because a line that wraps can't be drawn over.
+        self.stream.write(f"\r\033[K{text[: shutil.get_terminal_size().columns - 1]}")
+        self.stream.flush()
+
+    def line(self):
+        """Name, number and section of the present cell."""
+        return f"{self.name_}  cell {self.cell} of {len(self.sections)}  {self.sections[self.cell - 1]}"
+
+    def start_cell(self, cell, cell_index):
+        """To be called when a code cell begins."""
+        self.cell, self.cell_begin = self.cell + 1, time.monotonic()
+        if self.stream.isatty():
+            self.draw()
+
+    def end_cell(self, cell, cell_index, execute_reply):
+        """To be called when a code cell has run."""
+        if not self.stream.isatty():
+            print(f"{self.line()}  {time.monotonic() - self.cell_begin:.1f} s", file=self.stream, flush=True)
+
+    def __enter__(self):
+        if self.stream.isatty():
+            self.start()
+        return self
+
+    def __exit__(self, *error):
+        self.finished.set()
+        if self.stream.isatty():
+            self.join()
+            self.stream.write("\r\033[K")
+        outcome = f"failed in cell {self.cell} of" if any(error) else "done,"
+        seconds = time.monotonic() - self.begin
+        print(f"{self.name_}  {outcome} {len(self.sections)} cells, {seconds:.1f} s", file=self.stream, flush=True)
+
+
+def sections(notebook):
+    """For each code cell that holds code, the heading it stands under."""
+    heading, found = "", []
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            heading = next((line.strip("# ") for line in cell.source.splitlines() if line.startswith("#")), heading)
+        elif cell.cell_type == "code" and cell.source.strip():
+            found.append(heading)
+    return found
+
+
+def run(path, stream=sys.stdout):
+    """
+    Execute the notebook at path from top to bottom, in its own folder, and write it back once every cell has succeeded.
+
+    Raises CellExecutionError, with the cell and its traceback, or DeadKernelError; the file is then untouched.
+    """
+    notebook = nbformat.read(path, as_version=4)
+    with Progress(path.stem, notebook, stream) as progress:
+        NotebookClient(
+            notebook,
+            timeout=None,
+            kernel_manager_class=ThisPython,
+            extra_arguments=["--log-level=ERROR"],  # else each kernel warns that it is not encrypted, on this very machine
+            resources={"metadata": {"path": str(path.parent)}},
+            record_timing=False,  # times of day would make every run a change
+            coalesce_streams=True,  # where printed text is cut into messages is chance
+            on_cell_execute=progress.start_cell,
+            on_cell_executed=progress.end_cell,
+        ).execute()
+    notebook.metadata = METADATA
+    text = nbformat.writes(notebook) + "\n"
+    if text != path.read_text(encoding="utf-8"):
+        with files.replacing(path) as part:
+            part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def main(arguments=None):
+    """Command line; the exit status is 1 at the first notebook that fails."""
+    parser = argparse.ArgumentParser(prog="python -m project.notebooks", description="Run notebooks in place.")
+    command = parser.add_subparsers(required=True).add_parser("run", help="execute and write back")
+    command.add_argument("names", nargs="+", metavar="NAME", help="stem of a file in notebooks/")
+    for name in parser.parse_args(arguments).names:
+        if reason := scans.skip_reason(name):
+            print(reason)
+            continue
+        try:
+            run(paths.NOTEBOOKS / f"{name}.ipynb")
+        except (CellExecutionError, DeadKernelError) as error:
+            text = str(error) if sys.stderr.isatty() else re.sub(r"\033\[[\d;]*m", "", str(error))  # colours only for a terminal
+            print(f"{name}: {text}", file=sys.stderr)
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""The map of the README: where everything that the papers show is found here, and with what verdict."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from analysis.export import tables
+from studies.paths import ROOT
+from studies.printed.headline import counted
+
+
+def _audited(frame: pd.DataFrame) -> str:
+    """Return the verdicts of the audit that occur, counted, in the order in which they do."""
+    return counted(frame, frame["verdict"].unique())
+
+
+def _inside(frame: pd.DataFrame) -> str:
+    """Return how many numbers of the plane paper's simulation are inside."""
+    return f"{frame['inside'].sum()} of {len(frame)} inside; the gains are a change of unit"
+
+
+def _ground_scan(frame: pd.DataFrame) -> str:
+    """Return what a simulated ground scan has of the printed numbers."""
+    within = (frame["lower"] <= frame["printed"] + frame["half_unit"]) & (frame["printed"] - frame["half_unit"] <= frame["upper"])
+    return f"{within.sum()} of {len(frame)} inside: the gains follow from where the scanner stands; σs has the right size"
+
+
+def _iterations(frame: pd.DataFrame) -> str:
+    """Return the iterations of the quasi-Newton method and of Newton's on the plane."""
+    count = frame.set_index("run")["plane"]
+    return f"ends where Newton's method does: {count['BFGS']:.0f} iterations against {count['Newton']:.0f}"
+
+
+def _joints(frame: pd.DataFrame) -> str:
+    """Return how near neighbouring stations come to the printed 2 mm."""
+    return f"2 mm is a standard deviation, not a limit: kept at {frame['within_percent'].mean():.0f} % of the wall between stations"
+
+
+def _maxima(frame: pd.DataFrame) -> str:
+    """Return how well the printed maxima, given to the simulated tunnel, are found again."""
+    largest = frame.groupby("case")["largest_rms_mm"].max()
+    scans, singly, jointly = (largest[case] for case in ("noise alone", "stations registered singly", "joint adjustment"))
+    return f"taken as truth: found again to {scans:.1f} mm; with stations registered singly to {singly:.1f}, jointly to {jointly:.1f} mm"
+
+
+# What the papers show -> where it is here. What a file says is counted (a function of its table); else the verdict is in words.
+RESULTS = "data/results/"
+PAPER_TO_PROJECT = (
+    ("every number and claim of the three papers", "11_audit", f"{RESULTS}11_audit_verdicts.csv", _audited),
+    (
+        "sphere: figure 1, the simulated points",
+        "01_simulated_sphere",
+        "data/simulated",
+        "drawn again: the authors' points are not published",
+    ),
+    ("sphere: equations (1) to (18)", "02_sphere_methods", "src/analysis/adjustment/igg3.py", "as printed; what each misprint changes is shown"),
+    ("sphere: table 1, without gross errors", "03_sphere_tables", f"{RESULTS}03_sphere_tables_table1.csv", counted),
+    ("sphere: table 2, with five gross errors", "03_sphere_tables", f"{RESULTS}03_sphere_tables_table2.csv", counted),
+    (
+        "sphere: table 3, by simulated scans (its own are unpublished)",
+        "04_real_spheres",
+        f"{RESULTS}04_real_spheres_table3_cleaned.csv",
+        counted,
+    ),
+    ("plane: simulation, 83 %, 54 %, σs", "07_plane_simulation", f"{RESULTS}07_plane_simulation_five.csv", _inside),
+    ("plane: ground scan, 76 %, 63 %, 1.09 mm", "08_plane_scan", f"{RESULTS}08_plane_scan_printed.csv", _ground_scan),
+    ("plane: quasi-Newton algorithm", "08_plane_scan", f"{RESULTS}08_plane_scan_counts.csv", _iterations),
+    ("tunnel: registration within 2 mm", "09_tunnel_campaign", f"{RESULTS}09_tunnel_campaign_joints.csv", _joints),
+    (
+        "tunnel: figure 2, the axis",
+        "09_tunnel_campaign",
+        "figures/09_tunnel_campaign_axis.png",
+        "parallel to the tunnel, but lifted by the track bed",
+    ),
+    ("tunnel: figure 3, the filter", "09_tunnel_campaign", "figures/09_tunnel_campaign_filter.png", "drawn from the simulated campaign"),
+    ("tunnel: figure 6, both epochs", "09_tunnel_campaign", "figures/09_tunnel_campaign_epochs.png", "drawn from the simulated campaign"),
+    (
+        "tunnel: figure 4, a section projected",
+        "10_tunnel_deformation",
+        "figures/10_tunnel_deformation_projection.png",
+        "drawn from the simulated campaign",
+    ),
+    (
+        "tunnel: figure 5, deformation by direction",
+        "10_tunnel_deformation",
+        "figures/10_tunnel_deformation_polar.png",
+        "drawn from the simulated campaign",
+    ),
+    (
+        "tunnel: figure 7, classes of 6 and 12 mm",
+        "10_tunnel_deformation",
+        "figures/10_tunnel_deformation_classes.png",
+        "drawn from the simulated campaign",
+    ),
+    ("tunnel: table 1 and the largest deformations", "10_tunnel_deformation", f"{RESULTS}10_tunnel_deformation_recovery.csv", _maxima),
+    (
+        "tunnel: table 2, by direction",
+        "10_tunnel_deformation",
+        f"{RESULTS}10_tunnel_deformation_directions.csv",
+        "its form, with standard deviations and the truth",
+    ),
+)
+
+
+def map_markdown() -> str:
+    """Return the map from what the paper shows to notebook, files and verdict as a Markdown table."""
+    rows = []
+    for shown, notebook, file, words in PAPER_TO_PROJECT:
+        rows.append(
+            {
+                "in the paper": shown,
+                "notebook": f"[{notebook}](notebooks/{notebook}.ipynb)",
+                "file": f"[{file}]({file})",
+                "verdict": words if isinstance(words, str) else words(tables.read(ROOT / file)),
+            }
+        )
+    return tables.markdown(pd.DataFrame(rows), 0)

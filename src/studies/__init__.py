@@ -1,0 +1,1 @@
+"""The three papers, their simulations and the comparison of methods."""

@@ -1,0 +1,1 @@
+"""The figures of the notebooks: one file per notebook, with the same stem."""

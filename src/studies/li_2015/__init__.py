@@ -1,0 +1,1 @@
+"""The tunnel sections of Li et al. 2015."""

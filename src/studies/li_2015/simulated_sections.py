@@ -1,0 +1,185 @@
+"""Single sections of the simulated campaign in both epochs: drawn again and again, in the section's own plane, beside the truth.
+
+A section is what the stations of the campaign see in its slab (:mod:`studies.simulation.tunnel.slab`). Its frame is that of
+the design axis: u to the right, v up, w along; leaving w away is the projection of the slab onto the plane of the section. How well
+an axis is found from scans is another matter; a wrong pole moves both epochs alike.
+
+A station that is off by a registration error shifts its points in the plane of the section, all alike. The errors of all stations
+of both epochs are drawn together, from the covariance that their registration states (:mod:`analysis.tunnel.block_adjustment`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import joblib
+import numpy as np
+
+from analysis.checks import positive
+from analysis.methods import fit_ellipse
+from analysis.surfaces.ellipse import EllipseFit
+from analysis.tunnel.block_adjustment import Block
+from analysis.tunnel.outlines import ANGLES, Deformation, Split, deformation, split
+from analysis.tunnel.sections import Section
+
+from ..simulation.tunnel import CODES, EPOCHS, FULL_DENSITY, SectionScan, Tunnel, section_points, section_scan, survey
+from ..simulation.tunnel.slab import THICKNESS
+
+POLE = np.zeros(2)  # the axis point
+ALL = "all"  # in tables, of all sections together
+BOTH = 0  # in place of the number of an epoch, for the draws that both have in common
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedSection:
+    """One section as the stations of both epochs see it, without noise.
+
+    tunnel : with the truth; chainage : m; scans : of the first and the second epoch
+    stations : how many each epoch has
+    shifts : (2K, 2K) covariance in m² of what registration errors do to the points of all K stations, (right, up) of the first
+        station of the first epoch first; zeros where there are none
+    """
+
+    tunnel: Tunnel
+    chainage: float
+    scans: tuple[SectionScan, SectionScan]
+    stations: tuple[int, int]
+    shifts: np.ndarray
+
+    def truth(self, angles=ANGLES) -> np.ndarray:
+        """True δ (K,) in m, positive outwards, in directions (K,) in rad."""
+        return self.tunnel.deformation(np.asarray(angles), self.chainage)
+
+    def lining(self) -> SimulatedSection:
+        """The section with nothing but the points of the lining, as a filter that makes no mistakes would leave it."""
+        return replace(self, scans=tuple(_chosen(scan, scan.codes == CODES["lining"]) for scan in self.scans))
+
+    def registered(self, block: Block) -> SimulatedSection:
+        """The section with the errors that the registration of all stations, those of the first epoch first, states.
+
+        Raises ``ValueError`` for another number of stations.
+        """
+        if len(block.stations) != sum(self.stations):
+            raise ValueError(f"block: expected {sum(self.stations)} stations, those of both epochs, got {len(block.stations)}")
+        axis = self.tunnel.alignment
+        return replace(self, shifts=block.shifts(axis.position(self.chainage), axis.frame(self.chainage)[[0, 2]]))
+
+    @property
+    def registration(self) -> np.ndarray:
+        """Covariance (2, 2) in m² of the section's shift (right, up) between the epochs.
+
+        An epoch is shifted by ``Σ (n_k/n) s_k``, n_k of its n points being of station k, which is off by s_k.
+        """
+        parts = [np.bincount(scan.stations, minlength=count) / len(scan) for scan, count in zip(self.scans, self.stations, strict=True)]
+        A = np.kron(np.concatenate([-parts[0], parts[1]]), np.eye(2))
+        return A @ self.shifts @ A.T
+
+    def drawn(self, campaigns: int, seed: int, *, n_points: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Points (B, n, 3) in m of each epoch in B campaigns: right, up and along, from the axis point.
+
+        With ``n_points`` each campaign sees so many of the section's points, which ones changes from campaign to campaign.
+        The draws differ between sections and epochs, and those of campaign i do not hang on B.
+        """
+        shifts = np.split(self._shifted(campaigns, seed), [self.stations[0]], axis=1)
+        return tuple(self._drawn(scan, campaigns, seed, of_epoch, n_points) for scan, of_epoch in zip(self.scans, shifts, strict=True))
+
+    def _children(self, campaigns: int, seed: int, part: int) -> list[np.random.SeedSequence]:
+        return np.random.SeedSequence((seed, round(1000 * self.chainage), part)).spawn(campaigns)
+
+    def _shifted(self, campaigns: int, seed: int) -> np.ndarray:
+        """Shifts (right, up) of all stations in every campaign, (B, K, 2) in m."""
+        values, vectors = np.linalg.eigh(self.shifts)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        children = self._children(campaigns, seed, BOTH)
+        drawn = np.array([np.random.default_rng(child).standard_normal(len(root)) for child in children])
+        return (drawn @ root.T).reshape(campaigns, -1, 2)
+
+    def _drawn(self, scan: SectionScan, campaigns: int, seed: int, shifts: np.ndarray, n_points: int | None) -> np.ndarray:
+        axis, clouds = self.tunnel.alignment, []
+        origin, turn = axis.position(self.chainage), axis.frame(self.chainage)[[0, 2, 1]].T
+        for child, of_stations in zip(self._children(campaigns, seed, scan.epoch), shifts, strict=True):
+            which, noise = child.generate_state(2).tolist()
+            seen = scan if n_points is None else scan.sample(n_points, which)
+            cloud = (section_points(seen, 1, noise)[0] - origin) @ turn
+            cloud[:, :2] += of_stations[seen.stations]
+            clouds.append(cloud)
+        return np.stack(clouds)
+
+    def section(self, points: np.ndarray) -> Section:
+        """Points (n, 3) of one campaign and epoch, as drawn, in the form that sections cut from a scan have."""
+        axis = self.tunnel.alignment
+        right, along, up = axis.frame(self.chainage)
+        frame = axis.position(self.chainage), right, up, along
+        return Section(self.chainage, self.chainage, *frame, THICKNESS, np.arange(len(points)), *points.T)
+
+
+def _chosen(scan: SectionScan, keep: np.ndarray) -> SectionScan:
+    return replace(scan, **{name: getattr(scan, name)[keep] for name in ("points", "roots", "codes", "stations")})
+
+
+def simulated_sections(
+    tunnel: Tunnel, chainages: Sequence[float], density: float = FULL_DENSITY, *, workers: int | None = None
+) -> tuple[SimulatedSection, ...]:
+    """The sections at these chainages (m), cast with ``density`` beams a station, without registration errors.
+
+    Work is spread over ``workers`` processes, which changes nothing.
+
+    >>> from studies.simulation.tunnel import default_tunnel
+    >>> section, = simulated_sections(default_tunnel(), [65.0], 50_000, workers=1)
+    >>> print((1e3 * section.truth([0.0])).round(3), len(section.lining().scans[0]) < len(section.scans[0]))
+    [-24.3] True
+    """
+    epochs = survey(tunnel)
+    tasks = [(chainage, epochs[number - 1].stations) for chainage in chainages for number in EPOCHS]
+    workers = min(len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers")))
+    with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
+        parallel = joblib.Parallel(max_nbytes=None)
+        scans = parallel(joblib.delayed(section_scan)(tunnel, setups, chainage, density) for chainage, setups in tasks)
+    pairs = zip(scans[::2], scans[1::2], strict=True)
+    stations = tuple(len(epoch.stations) for epoch in epochs)
+    nothing = np.zeros((2 * sum(stations), 2 * sum(stations)))
+    return tuple(SimulatedSection(tunnel, float(at), pair, stations, nothing) for at, pair in zip(chainages, pairs, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A simulated section in B campaigns: points of each epoch (B, n, 3), ellipses, change Δρ about the axis point, and the true δ (K,)."""
+
+    section: SimulatedSection
+    points: tuple[np.ndarray, np.ndarray]
+    ellipses: tuple[EllipseFit, EllipseFit]
+    change: Deformation
+    truth: np.ndarray
+
+    @property
+    def errors(self) -> np.ndarray:
+        """(B, K) of Δρ in m."""
+        return self.change.difference - self.truth
+
+    @property
+    def errors_within(self) -> np.ndarray:
+        """(B, K) of Δρ less its rigid part, in m: what a shift of the section, such as a registration error, cannot touch."""
+        return self.errors - (split(self.change).rigid - true_split(self.change.angles, self.truth).rigid)
+
+
+def compared(
+    section: SimulatedSection,
+    campaigns: int,
+    seed: int,
+    *,
+    n_points: int | None = None,
+    angles: np.ndarray = ANGLES,
+    method: str = "robust",
+) -> Compared:
+    """Draw a section in B campaigns, fit an ellipse to every epoch of each, and compare the epochs in directions ``angles`` (K,)."""
+    points = section.drawn(campaigns, seed, n_points=n_points)
+    ellipses = tuple(fit_ellipse(epoch[..., :2], method) for epoch in points)
+    change = deformation(*ellipses, pole=POLE, angles=angles, registration=section.registration)
+    return Compared(section, points, ellipses, change, section.truth(angles))
+
+
+def true_split(angles: np.ndarray, truth: np.ndarray) -> Split:
+    """A true δ (K,) divided as an estimated one."""
+    nothing = np.zeros((len(angles), 1))
+    return split(Deformation(angles, POLE, truth, truth, truth, nothing, np.zeros((1, 1))))

@@ -1,0 +1,1 @@
+"""The sphere of Ou & Liu (2017)."""

@@ -1,0 +1,1 @@
+"""Simulated scans: scenes of surfaces, and a tunnel."""

@@ -1,0 +1,28 @@
+"""A terrestrial laser scanner: how precise its points are, and what it sees of a scene.
+
+    surfaces     what can be hit: spheres, rectangles, discs, cylinders, and labelled scenes of them
+    scanning     an angular grid of beams cast into a scene; noise, mixed pixels, redraws
+    targets      a sphere target on its mount before a wall
+
+All coordinates are in m in one frame whose z axis is the scanner's vertical axis; angles in rad.
+"""
+
+from .scanning import MIXED, AngularGrid, Scan, redraw, scan
+from .surfaces import Cylinder, Disc, Rectangle, Scene, Sphere, Surface
+from .targets import scan_sphere_target, sphere_target_scene
+
+__all__ = [
+    "MIXED",
+    "AngularGrid",
+    "Cylinder",
+    "Disc",
+    "Rectangle",
+    "Scan",
+    "Scene",
+    "Sphere",
+    "Surface",
+    "redraw",
+    "scan",
+    "scan_sphere_target",
+    "sphere_target_scene",
+]
