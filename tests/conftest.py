@@ -12,8 +12,11 @@ from studies.paths import OUTPUT_VARIABLE
 
 
 def pytest_configure(config):
-    # Set here and not in a fixture: the kernels of the notebooks inherit it, and so do pytest's own workers.
-    config.own_output = None if OUTPUT_VARIABLE in os.environ else tempfile.mkdtemp(prefix="analysis-")
+    # Set here and not in a fixture: the kernels of the notebooks inherit it, and so do pytest's own
+    # workers.
+    config.own_output = (
+        None if OUTPUT_VARIABLE in os.environ else tempfile.mkdtemp(prefix="analysis-")
+    )
     if config.own_output:
         os.environ[OUTPUT_VARIABLE] = config.own_output
         os.environ["NO_NOTEBOOKS_WERE_RUN"] = "1"  # for the workers, which inherit the folder

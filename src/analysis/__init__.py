@@ -1,4 +1,5 @@
-"""Surfaces fitted to laser-scan points: the papers' methods as printed, and beside them what is right.
+"""Surfaces fitted to laser-scan points: the papers' methods as printed, and beside them what is
+right.
 
 >>> import analysis
 >>> sorted(analysis.SPHERE_METHODS)

@@ -1,7 +1,10 @@
-"""Command line: ``python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]``, and so for a plane;
-``python -m analysis tunnel EPOCH1 EPOCH2 [--spacing M] [--thickness M] [--registration M] [--output DIR] [--json]``.
+"""Command line: ``python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]``,
+and so for a plane;
+``python -m analysis tunnel EPOCH1 EPOCH2 [--spacing M] [--thickness M] [--registration M] [--output
+DIR] [--json]``.
 
-Exit status 0: a result. 1: a result that did not converge. 2: no result, and one line on stderr says why.
+Exit status 0: a result. 1: a result that did not converge. 2: no result, and one line on stderr
+says why.
 """
 
 from __future__ import annotations
@@ -27,9 +30,11 @@ from .tunnel import command as tunnel
 
 @dataclass(frozen=True)
 class Surface:
-    """What can be fitted: its function and methods, its quantities by their names in the result, and how a reader is told of them.
+    """What can be fitted: its function and methods, its quantities by their names in the result,
+    and how a reader is told of them.
 
-    described : gives for a fit the label, value, unit, standard deviation and its unit of each quantity
+    described : gives for a fit the label, value, unit, standard deviation and its unit of each
+        quantity
     held : parameters, lengths in m, that can be given instead of estimated
     """
 
@@ -46,16 +51,25 @@ class Surface:
 
 def _sphere(fit: SphereFit) -> list[tuple[str, float, str, float, str]]:
     labels = ("centre x", "centre y", "centre z", "radius")
-    return [(label, value, "m", 1e3 * sd, "mm") for label, value, sd in zip(labels, fit.parameters, fit.standard_deviations, strict=True)]
+    return [
+        (label, value, "m", 1e3 * sd, "mm")
+        for label, value, sd in zip(labels, fit.parameters, fit.standard_deviations, strict=True)
+    ]
 
 
 def _plane(fit: PlaneFit) -> list[tuple[str, float, str, float, str]]:
     deviations = 1e3 * np.sqrt(np.diagonal(fit.normal_covariance))
-    rows = [(f"normal {axis}", value, "", sd, "mrad") for axis, value, sd in zip("xyz", fit.normal, deviations[:3], strict=True)]
+    rows = [
+        (f"normal {axis}", value, "", sd, "mrad")
+        for axis, value, sd in zip("xyz", fit.normal, deviations[:3], strict=True)
+    ]
     rows.append(("offset", fit.offset, "m", deviations[3], "mm"))
     units = (("", "mm/m"), ("", "mm/m"), ("m", "mm"))
     slopes = zip(("a", "b", "c"), fit.parameters, fit.standard_deviations, units, strict=True)
-    return rows + [(f"{label} of z = a x + b y + c", value, unit, 1e3 * sd, of_sd) for label, value, sd, (unit, of_sd) in slopes]
+    return rows + [
+        (f"{label} of z = a x + b y + c", value, unit, 1e3 * sd, of_sd)
+        for label, value, sd, (unit, of_sd) in slopes
+    ]
 
 
 SURFACES = {
@@ -91,16 +105,26 @@ def _fit(options: argparse.Namespace) -> int:
 
 
 def report(fit: Fit, surface: Surface, file: str) -> str:
-    """The result for a reader: aligned plain text with units; a standard deviation that is not defined is a dash."""
+    """The result for a reader: aligned plain text with units; a standard deviation that is not
+    defined is a dash.
+    """
     method = surface.methods[fit.method]
     rows = [
         (label, f"{_number(value, '.5f')} {unit}", f"± {_number(deviation, '.3f')} {of_deviation}")
         for label, value, unit, deviation, of_deviation in surface.described(fit)
     ]
     rows += [
-        ("σ0", f"{_number(fit.sigma_0, '.4g')} {method.sigma_0_unit}", "unit-weight standard deviation"),
+        (
+            "σ0",
+            f"{_number(fit.sigma_0, '.4g')} {method.sigma_0_unit}",
+            "unit-weight standard deviation",
+        ),
         ("σs", f"{_number(1e3 * fit.sigma_s, '.3f')} mm", "RMS distance of all points"),
-        ("", f"{_number(1e3 * fit.sigma_s_inliers, '.3f')} mm", "RMS distance of the points in use"),
+        (
+            "",
+            f"{_number(1e3 * fit.sigma_s_inliers, '.3f')} mm",
+            "RMS distance of the points in use",
+        ),
         ("points", f"{np.count_nonzero(fit.inliers)} of {len(fit.weights)}", "in use"),
         ("iterations", f"{fit.iterations}", fit.stop_reason),
     ]
@@ -136,10 +160,15 @@ def _parser() -> argparse.ArgumentParser:
     described = "Fit surfaces to the points of laser scans, and compare two scans of a tunnel."
     parser = argparse.ArgumentParser(prog="python -m analysis", description=described)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    fit = commands.add_parser("fit", help="fit a surface to a scan", description="Fit a surface to the points of a scan.")
+    fit = commands.add_parser(
+        "fit", help="fit a surface to a scan", description="Fit a surface to the points of a scan."
+    )
     surfaces = fit.add_subparsers(dest="surface", required=True, metavar="SURFACE")
     for name, surface in SURFACES.items():
-        listed = "\n".join(f"  {key:<14} {method.label}; {method.citation}" for key, method in surface.methods.items())
+        listed = "\n".join(
+            f"  {key:<14} {method.label}; {method.citation}"
+            for key, method in surface.methods.items()
+        )
         command = surfaces.add_parser(
             name,
             help=f"fit a {name}",
@@ -147,7 +176,10 @@ def _parser() -> argparse.ArgumentParser:
             epilog=f"methods:\n{listed}\n\nexit status: 0 a result, 1 a result that did not converge, 2 no result",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        command.add_argument("file", help="scan: x y z of one point a line (.xyz .txt .csv .pts .asc), or .las .laz .ply .e57; in m")
+        command.add_argument(
+            "file",
+            help="scan: x y z of one point a line (.xyz .txt .csv .pts .asc), or .las .laz .ply .e57; in m",
+        )
         command.add_argument(
             "--method",
             metavar="NAME",
@@ -156,8 +188,17 @@ def _parser() -> argparse.ArgumentParser:
             help="one of the methods below (default: %(default)s)",
         )
         for held in surface.held:
-            command.add_argument(f"--{held}", type=float, metavar="R", help=f"a known {held} in m, to be held (default: estimate it)")
-        command.add_argument("--json", action="store_true", help="print one JSON object for a program to read: lengths in m, unrounded")
+            command.add_argument(
+                f"--{held}",
+                type=float,
+                metavar="R",
+                help=f"a known {held} in m, to be held (default: estimate it)",
+            )
+        command.add_argument(
+            "--json",
+            action="store_true",
+            help="print one JSON object for a program to read: lengths in m, unrounded",
+        )
         command.set_defaults(run=_fit)
     tunnel.add_to(commands)
     return parser

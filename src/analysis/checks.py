@@ -19,7 +19,9 @@ def real_array(values, name: str) -> np.ndarray:
         if array.dtype.kind == "O":
             return array.astype(np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: expected an array of real numbers, got {type(values).__name__} ({error})") from None
+        raise ValueError(
+            f"{name}: expected an array of real numbers, got {type(values).__name__} ({error})"
+        ) from None
     raise ValueError(f"{name}: expected an array of real numbers, got dtype {array.dtype}")
 
 
@@ -29,7 +31,9 @@ def finite_array(values, name: str) -> np.ndarray:
     flat = array.reshape(-1)
     bad = sum(np.count_nonzero(~np.isfinite(flat[piece])) for piece in pieces(flat.size))
     if bad:
-        raise ValueError(f"{name}: expected finite numbers, got {bad} NaN or infinite of {array.size}")
+        raise ValueError(
+            f"{name}: expected finite numbers, got {bad} NaN or infinite of {array.size}"
+        )
     return array
 
 
@@ -39,9 +43,13 @@ def point_array(points, dimension: int, minimum: int, needed_for: str) -> np.nda
     if array.ndim < 2 or array.shape[-1] != dimension:
         raise ValueError(f"points: expected shape (…, n, {dimension}), got {array.shape}")
     if array.shape[-2] < minimum:
-        raise ValueError(f"points: expected at least {minimum} points for {needed_for}, got {array.shape[-2]} (shape {array.shape})")
+        raise ValueError(
+            f"points: expected at least {minimum} points for {needed_for}, got {array.shape[-2]} (shape {array.shape})"
+        )
     if array.size == 0:
-        raise ValueError(f"points: expected at least one cloud, got an empty stack of shape {array.shape}")
+        raise ValueError(
+            f"points: expected at least one cloud, got an empty stack of shape {array.shape}"
+        )
     return finite_array(array, "points")
 
 
@@ -53,9 +61,13 @@ def weight_array(weights, shape: tuple[int, ...], name: str = "weights") -> np.n
     try:
         array = np.broadcast_to(array, shape)
     except ValueError:
-        raise ValueError(f"{name}: expected shape {shape} or ({shape[-1]},), got {array.shape}") from None
+        raise ValueError(
+            f"{name}: expected shape {shape} or ({shape[-1]},), got {array.shape}"
+        ) from None
     if not (array > 0).all():
-        raise ValueError(f"{name}: expected positive numbers, got a smallest value of {array.min():g}")
+        raise ValueError(
+            f"{name}: expected positive numbers, got a smallest value of {array.min():g}"
+        )
     return array
 
 
@@ -65,15 +77,23 @@ def covariance_array(values, shape: tuple[int, ...], name: str) -> np.ndarray:
     try:
         array = np.broadcast_to(array, shape)
     except ValueError:
-        raise ValueError(f"{name}: expected shape {shape} or {shape[-3:]}, got {array.shape}") from None
+        raise ValueError(
+            f"{name}: expected shape {shape} or {shape[-3:]}, got {array.shape}"
+        ) from None
     d = shape[-1]
-    if not all(np.allclose(array[..., i, j], array[..., j, i], rtol=1e-9, atol=0.0) for i in range(d) for j in range(i)):
+    if not all(
+        np.allclose(array[..., i, j], array[..., j, i], rtol=1e-9, atol=0.0)
+        for i in range(d)
+        for j in range(i)
+    ):
         raise ValueError(f"{name}: expected symmetric matrices, got some that are not")
     try:
         np.linalg.cholesky(array)
     except np.linalg.LinAlgError:
         smallest = np.linalg.eigvalsh(array)[..., 0].min()
-        raise ValueError(f"{name}: expected positive definite matrices, got a smallest eigenvalue of {smallest:.3g}") from None
+        raise ValueError(
+            f"{name}: expected positive definite matrices, got a smallest eigenvalue of {smallest:.3g}"
+        ) from None
     return array
 
 
@@ -109,6 +129,7 @@ def whole_number(value, name: str) -> int:
 
 def one_of(value, known, name: str):
     """``value`` if it is among ``known``, else an error that lists them."""
-    if value not in list(known):  # a list, so that what cannot be hashed is refused like everything else
+    # a list, so that what cannot be hashed is refused like everything else
+    if value not in list(known):
         raise ValueError(f"{name}: expected one of {', '.join(map(str, known))}; got {value!r}")
     return value

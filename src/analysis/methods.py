@@ -18,8 +18,8 @@ from .orthogonal import gauss_helmert
 from .result import Fit, joined, warn_if_not_converged
 from .surfaces import cylinder, ellipse, plane, sphere
 
-# Where the number of iterations varies much from cloud to cloud, more of them together: the slowest then
-# run alone for a smaller part of the time.
+# Where the number of iterations varies much from cloud to cloud, more of them together: the slowest
+# then run alone for a smaller part of the time.
 LONG_BLOCK = 4 * BLOCK
 WU_CHEN_WANG = "Wu, Chen & Wang, total least squares by a quasi-Newton method"
 OU_LIU = "Ou & Liu 2017, doi:10.7510/jgjs.issn.1001-3806.2017.05.026"
@@ -27,11 +27,13 @@ OU_LIU = "Ou & Liu 2017, doi:10.7510/jgjs.issn.1001-3806.2017.05.026"
 
 @dataclass(frozen=True)
 class Method:
-    """A named method: what tables call it, who described it, the colour it has in every figure, what computes it.
+    """A named method: what tables call it, who described it, the colour it has in every figure,
+    what computes it.
 
     Clouds of a stack are solved together as many as make ``block`` points, so that what one step
     needs stays in the processor's cache. A ``consistent`` method takes full cofactors of the points
-    and a held radius; the printed ones cannot. ``sigma_0_unit`` is the unit of σ0 without cofactors:
+    and a held radius; the printed ones cannot. ``sigma_0_unit`` is the unit of σ0 without
+    cofactors:
     m² where the residual is algebraic, |p − k|² − r².
     """
 
@@ -47,13 +49,37 @@ class Method:
 # Colours: Okabe & Ito's eight, which colour-blind readers can tell apart.
 SPHERE_METHODS: dict[str, Method] = {
     "ls": Method("LS", "Kåsa 1976; " + OU_LIU, "#0072B2", sphere.ls, sigma_0_unit="m²"),
-    "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + OU_LIU, "#D55E00", sphere.tls, sigma_0_unit="m²"),
-    "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", sphere.mixed_ls_tls, sigma_0_unit="m²"),
+    "tls": Method(
+        "TLS (pure SVD)",
+        "Golub & Van Loan 1980; " + OU_LIU,
+        "#D55E00",
+        sphere.tls,
+        sigma_0_unit="m²",
+    ),
+    "mixed_ls_tls": Method(
+        "mixed LS-TLS",
+        "Van Huffel & Vandewalle 1991",
+        "#CC79A7",
+        sphere.mixed_ls_tls,
+        sigma_0_unit="m²",
+    ),
     "wtls": Method("WTLS", "Schaffrin & Wieser 2008; " + OU_LIU, "#E69F00", sphere.wtls),
     "igg3_wtls": Method("IGG III-WTLS", OU_LIU, "#009E73", igg3.igg3_wtls, LONG_BLOCK),
     "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", sphere.eiv, consistent=True),
-    "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", gauss_helmert.geometric, consistent=True),
-    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", gauss_helmert.robust, consistent=True),
+    "geometric": Method(
+        "orthogonal distance",
+        "Pope 1972; Neitzel 2010",
+        "#999999",
+        gauss_helmert.geometric,
+        consistent=True,
+    ),
+    "robust": Method(
+        "robust",
+        "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
+        "#000000",
+        gauss_helmert.robust,
+        consistent=True,
+    ),
 }
 
 
@@ -61,34 +87,85 @@ SPHERE_METHODS: dict[str, Method] = {
 PLANE_METHODS: dict[str, Method] = {
     "ls": Method("LS", "Gauss-Markov model; " + WU_CHEN_WANG, "#0072B2", plane.ls),
     "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + WU_CHEN_WANG, "#D55E00", plane.tls),
-    "mixed_ls_tls": Method("mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", plane.mixed_ls_tls),
+    "mixed_ls_tls": Method(
+        "mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", plane.mixed_ls_tls
+    ),
     "wtls": Method("WTLS", "Malengo & Pennecchi 2013; " + WU_CHEN_WANG, "#E69F00", plane.wtls),
     "igg3_wtls": Method(
-        "IGG III-WTLS", "the scheme of Ou & Liu 2017 with the weights of " + WU_CHEN_WANG, "#009E73", igg3.igg3_wtls, LONG_BLOCK
+        "IGG III-WTLS",
+        "the scheme of Ou & Liu 2017 with the weights of " + WU_CHEN_WANG,
+        "#009E73",
+        igg3.igg3_wtls,
+        LONG_BLOCK,
     ),
     "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", plane.eiv, consistent=True),
-    "geometric": Method("orthogonal distance", "Pearson 1901; Pope 1972", "#999999", plane.geometric, consistent=True),
-    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", gauss_helmert.robust, consistent=True),
+    "geometric": Method(
+        "orthogonal distance",
+        "Pearson 1901; Pope 1972",
+        "#999999",
+        plane.geometric,
+        consistent=True,
+    ),
+    "robust": Method(
+        "robust",
+        "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
+        "#000000",
+        gauss_helmert.robust,
+        consistent=True,
+    ),
 }
 
 
 ELLIPSE_METHODS: dict[str, Method] = {
-    "direct": Method("direct LS", "Fitzgibbon, Pilu & Fisher 1999; Halir & Flusser 1998", "#0072B2", ellipse.direct),
-    "robust_direct": Method("robust direct LS", "after Xu & Yao 2008", "#009E73", ellipse.robust_direct),
-    "geometric": Method("orthogonal distance", "Gander, Golub & Strebel 1994; Pope 1972", "#999999", gauss_helmert.geometric, consistent=True),
-    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", gauss_helmert.robust, consistent=True),
+    "direct": Method(
+        "direct LS",
+        "Fitzgibbon, Pilu & Fisher 1999; Halir & Flusser 1998",
+        "#0072B2",
+        ellipse.direct,
+    ),
+    "robust_direct": Method(
+        "robust direct LS", "after Xu & Yao 2008", "#009E73", ellipse.robust_direct
+    ),
+    "geometric": Method(
+        "orthogonal distance",
+        "Gander, Golub & Strebel 1994; Pope 1972",
+        "#999999",
+        gauss_helmert.geometric,
+        consistent=True,
+    ),
+    "robust": Method(
+        "robust",
+        "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
+        "#000000",
+        gauss_helmert.robust,
+        consistent=True,
+    ),
 }
 
 
 CYLINDER_METHODS: dict[str, Method] = {
-    "geometric": Method("orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", gauss_helmert.geometric, consistent=True),
-    "robust": Method("robust", "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002", "#000000", gauss_helmert.robust, consistent=True),
+    "geometric": Method(
+        "orthogonal distance",
+        "Pope 1972; Neitzel 2010",
+        "#999999",
+        gauss_helmert.geometric,
+        consistent=True,
+    ),
+    "robust": Method(
+        "robust",
+        "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
+        "#000000",
+        gauss_helmert.robust,
+        consistent=True,
+    ),
 }
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What can be fitted: its name in a message, the points it needs, how a stack of clouds is prepared, and its methods."""
+    """What can be fitted: its name in a message, the points it needs, how a stack of clouds is
+    prepared, and its methods.
+    """
 
     name: str
     dimension: int
@@ -120,24 +197,26 @@ def fit_sphere(
     ----------
     points : (n, 3) or (…, n, 3) coordinates in m, n ≥ 4. Not changed.
     method : a name from ``SPHERE_METHODS``.
-    radius : a radius in m to be held, or None to estimate it (methods ``eiv``, ``geometric``, ``robust``).
-    cofactors : (n,) or (…, n) variances of the points, each the same in x, y, z; or, for the same methods,
-        (n, 3, 3) or (…, n, 3, 3) covariances. None for equal ones.
+    radius : a radius in m to be held, or None to estimate it (methods ``eiv``, ``geometric``,
+        ``robust``).
+    cofactors : (n,) or (…, n) variances of the points, each the same in x, y, z; or, for the same
+        methods, (n, 3, 3) or (…, n, 3, 3) covariances. None for equal ones.
     weights : (n,) or (…, n) positive a-priori weights, the inverse of variances, or None for ones.
-    absolute : True says that the cofactors are variances in m² and not only in proportion; the covariance is
-        then not scaled by σ0 (same methods).
+    absolute : True says that the cofactors are variances in m² and not only in proportion; the
+        covariance is then not scaled by σ0 (same methods).
     seed : of the samples that ``robust`` starts from; the other methods draw nothing.
     method_options : keywords of the method, described with its ``function`` in ``SPHERE_METHODS``.
 
     Returns
     -------
-    SphereFit, its fields with the leading axes of ``points``: ``center`` (…, 3) and ``radius`` (…) in m,
-    ``covariance`` (…, 4, 4) of (a, b, c, r), ``distances`` (…, n) in m, ``weights``, ``inliers``, σ0, σs and how
-    the iteration ended.
+    SphereFit, its fields with the leading axes of ``points``: ``center`` (…, 3) and ``radius`` (…)
+    in m, ``covariance`` (…, 4, 4) of (a, b, c, r), ``distances`` (…, n) in m, ``weights``,
+    ``inliers``, σ0, σs and how the iteration ended.
 
-    Raises ``ValueError`` for wrong shapes, NaN or infinity, fewer than four points, points in a plane or on
-    a circle, non-positive weights, an unknown method or option value, and what the method cannot take. A
-    fit that did not converge comes back with ``converged`` False, a ``stop_reason`` and a ``ConvergenceWarning``.
+    Raises ``ValueError`` for wrong shapes, NaN or infinity, fewer than four points, points in a
+    plane or on a circle, non-positive weights, an unknown method or option value, and what the
+    method cannot take. A fit that did not converge comes back with ``converged`` False, a
+    ``stop_reason`` and a ``ConvergenceWarning``.
 
     >>> directions = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])
     >>> fit = fit_sphere([10, 10, 1] + 2 * directions, "ls")
@@ -164,16 +243,18 @@ def fit_plane(
     Parameters
     ----------
     points : (n, 3) or (…, n, 3) coordinates in m, n ≥ 3. Not changed.
-    method : a name from ``PLANE_METHODS``. ``ls``, ``tls``, ``wtls`` and ``igg3_wtls`` look for z = a x + b y + c and refuse a
-        vertical plane; the others take any orientation.
-    station : (3,) in m, where the scanner stood; ``wtls`` and ``igg3_wtls`` take their weights from the incidence angle.
+    method : a name from ``PLANE_METHODS``. ``ls``, ``tls``, ``wtls`` and ``igg3_wtls`` look for z =
+        a x + b y + c and refuse a vertical plane; the others take any orientation.
+    station : (3,) in m, where the scanner stood; ``wtls`` and ``igg3_wtls`` take their weights from
+        the incidence angle.
     cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`.
 
     Returns
     -------
-    PlaneFit, its fields with the leading axes of ``points``: ``parameters`` (…, 3) a, b and c in m, ``normal`` (…, 3) and ``offset``
-    (…) in m, ``covariance`` (…, 3, 3) of (a, b, c), ``normal_covariance`` (…, 4, 4) of (normal, offset), ``distances`` (…, n) in m, and the
-    rest as for a sphere.
+    PlaneFit, its fields with the leading axes of ``points``: ``parameters`` (…, 3) a, b and c in m,
+    ``normal`` (…, 3) and ``offset`` (…) in m, ``covariance`` (…, 3, 3) of (a, b, c),
+    ``normal_covariance`` (…, 4, 4) of (normal, offset), ``distances`` (…, n) in m, and the rest as
+    for a sphere.
 
     Raises ``ValueError`` as :func:`fit_sphere`; points on a line determine no plane.
 
@@ -189,7 +270,14 @@ def fit_plane(
 
 
 def fit_ellipse(
-    points, method: str = "robust", *, cofactors=None, weights=None, absolute: bool = False, seed: int = 0, **method_options
+    points,
+    method: str = "robust",
+    *,
+    cofactors=None,
+    weights=None,
+    absolute: bool = False,
+    seed: int = 0,
+    **method_options,
 ) -> ellipse.EllipseFit:
     """Fit an ellipse to each plane cloud of a stack.
 
@@ -197,15 +285,18 @@ def fit_ellipse(
     ----------
     points : (n, 2) or (…, n, 2) coordinates in m, n ≥ 5. Not changed.
     method : a name from ``ELLIPSE_METHODS``.
-    cofactors : (n,) or (…, n) variances of the points, or, for ``geometric`` and ``robust``, (n, 2, 2) or (…, n, 2, 2) covariances.
+    cofactors : (n,) or (…, n) variances of the points, or, for ``geometric`` and ``robust``, (n, 2,
+        2) or (…, n, 2, 2) covariances.
     weights, absolute, seed, method_options : as for :func:`fit_sphere`.
 
     Returns
     -------
-    EllipseFit, its fields with the leading axes of ``points``: ``center`` (…, 2) and ``semi_axes`` (…, 2) in m, the major one first,
-    ``angle`` (…) of the major axis in [0, π) rad, ``covariance`` (…, 5, 5) of (u0, v0, a, b, φ), and the rest as for a sphere.
+    EllipseFit, its fields with the leading axes of ``points``: ``center`` (…, 2) and ``semi_axes``
+    (…, 2) in m, the major one first, ``angle`` (…) of the major axis in [0, π) rad, ``covariance``
+    (…, 5, 5) of (u0, v0, a, b, φ), and the rest as for a sphere.
 
-    Raises ``ValueError`` as :func:`fit_sphere`; points on a line, or on more than one conic, determine no ellipse.
+    Raises ``ValueError`` as :func:`fit_sphere`; points on a line, or on more than one conic,
+    determine no ellipse.
 
     >>> t = np.arange(12) * np.pi / 6
     >>> fit = fit_ellipse(np.column_stack([1 + 3 * np.cos(t), 2 + 2 * np.sin(t)]))
@@ -232,15 +323,16 @@ def fit_elliptic_cylinder(
     ----------
     points : (n, 3) or (…, n, 3) coordinates in m, n ≥ 7. Not changed.
     method : a name from ``CYLINDER_METHODS``.
-    axis : (3,) approximate direction of the axis, of either sign and any length, or None to look for it. It saves time and is only
-        a start; it should be right to some degrees.
+    axis : (3,) approximate direction of the axis, of either sign and any length, or None to look
+        for it. It saves time and is only a start; it should be right to some degrees.
     cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`.
 
     Returns
     -------
-    CylinderFit, its fields with the leading axes of ``points``: ``direction`` (…, 3), ``point`` (…, 3) and ``semi_axes`` (…, 2) in m,
-    ``angle`` (…) in rad, ``covariance`` (…, 9, 9) of all of them, ``regular_covariance`` (…, 7, 7), which holds for a circular
-    cylinder too, and the rest as for a sphere.
+    CylinderFit, its fields with the leading axes of ``points``: ``direction`` (…, 3), ``point`` (…,
+    3) and ``semi_axes`` (…, 2) in m, ``angle`` (…) in rad, ``covariance`` (…, 9, 9) of all of them,
+    ``regular_covariance`` (…, 7, 7), which holds for a circular cylinder too, and the rest as for a
+    sphere.
 
     Raises ``ValueError`` as :func:`fit_sphere`; points in a plane determine no elliptic cylinder.
 
@@ -254,19 +346,41 @@ def fit_elliptic_cylinder(
     return _fitted(geometry, points, method, cofactors, weights, absolute, seed, {}, method_options)
 
 
-def _fitted(geometry: Geometry, points, method, cofactors, weights, absolute, seed, held: dict[str, float], options: dict) -> Fit:
-    """The part of every ``fit_*`` that is the same: arguments checked, the stack solved a block of clouds at a time, the fits joined."""
+def _fitted(
+    geometry: Geometry,
+    points,
+    method,
+    cofactors,
+    weights,
+    absolute,
+    seed,
+    held: dict[str, float],
+    options: dict,
+) -> Fit:
+    """The part of every ``fit_*`` that is the same: arguments checked, the stack solved a block of
+    clouds at a time, the fits joined.
+    """
     chosen = geometry.methods[one_of(method, geometry.methods, "method")]
     points = point_array(points, geometry.dimension, geometry.minimum, geometry.name)
     lead, n, dim = points.shape[:-2], points.shape[-2], points.shape[-1]
     full = None
-    if cofactors is not None and np.ndim(cofactors) >= 3 and np.shape(cofactors)[-3:] == (n, dim, dim):
+    if (
+        cofactors is not None
+        and np.ndim(cofactors) >= 3
+        and np.shape(cofactors)[-3:] == (n, dim, dim)
+    ):
         if weights is not None:
-            raise ValueError("weights: expected None beside full cofactors, which say all, got both")
+            raise ValueError(
+                "weights: expected None beside full cofactors, which say all, got both"
+            )
         full, cofactors = covariance_array(cofactors, lead + (n, dim, dim), "cofactors"), None
     if absolute and full is None and cofactors is None:
         raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
-    asked = {"full cofactors": full is not None, "absolute cofactors": absolute, **{f"a held {name}": True for name in held}}
+    asked = {
+        "full cofactors": full is not None,
+        "absolute cofactors": absolute,
+        **{f"a held {name}": True for name in held},
+    }
     for what in (what for what, wanted in asked.items() if wanted):
         if not chosen.consistent:
             able = ", ".join(name for name, one in geometry.methods.items() if one.consistent)

@@ -33,7 +33,9 @@ def rms(distances, where=None):
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """One iteration of a reweighted fit: parameters after it, the scale and the weights found from them."""
+    """One iteration of a reweighted fit: parameters after it, the scale and the weights found from
+    them.
+    """
 
     parameters: np.ndarray
     scale: np.ndarray
@@ -42,16 +44,19 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """A fitted surface. With a stack of clouds ``(…, n, 3)`` every field has its leading axes ``…``.
+    """A fitted surface. With a stack of clouds ``(…, n, 3)`` every field has its leading axes
+    ``…``.
 
     method : name of the method
     parameters : (…, t)
-    cofactor : (…, t, t) unscaled covariance of the parameters; ``covariance = sigma_0² · cofactor``, or the
-        cofactor itself where the cofactors of the points were ``absolute`` variances
+    cofactor : (…, t, t) unscaled covariance of the parameters;
+        ``covariance = sigma_0² · cofactor``, or the cofactor itself where the cofactors of the
+        points were ``absolute`` variances
     sigma_0 : (…) unit-weight standard deviation in the unit of the method's own residuals, so
         comparable only within a method
     distances : (…, n) signed orthogonal distances of the points in m, positive outside
-    weights : (…, n) weight of each point in the last adjustment relative to its a-priori one; 0 is exactly 0
+    weights : (…, n) weight of each point in the last adjustment relative to its a-priori one; 0 is
+        exactly 0
     iterations, converged, stop_reason : (…) how it ended
     history : the iterations, where the method was asked to keep them
     """
@@ -69,12 +74,25 @@ class Fit:
     absolute: bool = False
 
     NAMES = ()  # of the parameters, set by each geometry
-    PER_STACK = ("parameters", "cofactor", "sigma_0", "distances", "weights", "iterations", "converged", "stop_reason")
+    PER_STACK = (
+        "parameters",
+        "cofactor",
+        "sigma_0",
+        "distances",
+        "weights",
+        "iterations",
+        "converged",
+        "stop_reason",
+    )
 
     @property
     def covariance(self) -> np.ndarray:
         """``sigma_0² · cofactor``, (…, t, t); the cofactor itself where it is absolute."""
-        return self.cofactor if self.absolute else np.asarray(self.sigma_0)[..., None, None] ** 2 * self.cofactor
+        return (
+            self.cofactor
+            if self.absolute
+            else np.asarray(self.sigma_0)[..., None, None] ** 2 * self.cofactor
+        )
 
     @property
     def standard_deviations(self) -> np.ndarray:
@@ -97,20 +115,28 @@ class Fit:
         return rms(self.distances, where=self.inliers)
 
     def surface(self):
-        """The fitted surfaces as their geometric model has them: the model, x (B, s), and ∂(parameters)/∂(free parameters), (B, P, t)."""
+        """The fitted surfaces as their geometric model has them: the model, x (B, s), and
+        ∂(parameters)/∂(free parameters), (B, P, t).
+        """
         raise NotImplementedError
 
     def __repr__(self) -> str:
         shape = np.shape(self.sigma_0)
         if shape:
             return f"{type(self).__name__}(method={self.method!r}, stack of shape {shape}, {np.count_nonzero(self.converged)} converged)"
-        values = ", ".join(f"{name}={value:.6g}" for name, value in zip(self.NAMES, self.parameters, strict=True))
+        values = ", ".join(
+            f"{name}={value:.6g}" for name, value in zip(self.NAMES, self.parameters, strict=True)
+        )
         used = f"{np.count_nonzero(self.inliers)} of {len(self.weights)} points in use"
-        return f"{type(self).__name__}(method={self.method!r}, {values}, {used}; {self.stop_reason})"
+        return (
+            f"{type(self).__name__}(method={self.method!r}, {values}, {used}; {self.stop_reason})"
+        )
 
 
 def joined(fits: list[Fit], lead: tuple[int, ...], absolute: bool = False) -> Fit:
-    """Fits of consecutive parts of a flattened stack as one fit with leading axes ``lead``, its arrays read-only."""
+    """Fits of consecutive parts of a flattened stack as one fit with leading axes ``lead``, its
+    arrays read-only.
+    """
     arrays = {}
     for name in fits[0].PER_STACK:
         parts = [getattr(fit, name) for fit in fits]
@@ -122,7 +148,9 @@ def joined(fits: list[Fit], lead: tuple[int, ...], absolute: bool = False) -> Fi
 
 
 def warn_if_not_converged(fit: Fit) -> None:
-    """Give a :class:`ConvergenceWarning` that counts the fits that did not converge and quotes the first reason."""
+    """Give a :class:`ConvergenceWarning` that counts the fits that did not converge and quotes the
+    first reason.
+    """
     failed = ~np.atleast_1d(fit.converged).ravel()
     if failed.any():
         reason = np.atleast_1d(fit.stop_reason).ravel()[failed][0]

@@ -1,18 +1,21 @@
-"""The similarity transformation ``X = t + μ R x`` between two frames, from pairs of points known in both.
+"""The similarity transformation ``X = t + μ R x`` between two frames, from pairs of points known in
+both.
 
-    umeyama             closed form by SVD: least squares, all errors in the target (also the start of the others)
+    umeyama             closed form by SVD: least squares, all errors in the target (also the start
+                        of the others)
     thirteen_parameters the model with nine direction cosines and six constraints, as printed
-    fit_similarity      adjustment with errors in both frames, with covariance, and robust where asked
+    fit_similarity      adjustment with errors in both frames, with covariance, and robust where
+                        asked
 
-A pair has the misclosure ``r = X − t − μ R x``; with cofactors Q_x and Q_X of its two points r has the cofactor
-``S = Q_X + μ² R Q_x Rᵀ``, and the adjustment is ``min Σ rᵀ S⁻¹ r``. Its parameters are (t, ω, μ), ω a small rotation
-about the axes of the target frame, ``R ← exp([ω]×) R``, so their cofactor obeys no constraint. Everything is solved about
-the centroids of the two sets.
+A pair has the misclosure ``r = X − t − μ R x``; with cofactors Q_x and Q_X of its two points r has
+the cofactor ``S = Q_X + μ² R Q_x Rᵀ``, and the adjustment is ``min Σ rᵀ S⁻¹ r``. Its parameters are
+(t, ω, μ), ω a small rotation about the axes of the target frame, ``R ← exp([ω]×) R``, so their
+cofactor obeys no constraint. Everything is solved about the centroids of the two sets.
 
 References
 ----------
-Chen, Shen & Liu (2004), Geomatics and Information Science of Wuhan University 29, 1101-1105 (thirteen parameters).
-Kabsch (1976), Acta Crystallographica A 32, 922-923.
+Chen, Shen & Liu (2004), Geomatics and Information Science of Wuhan University 29, 1101-1105
+(thirteen parameters). Kabsch (1976), Acta Crystallographica A 32, 922-923.
 Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel sections from laser scans, eqs. (7)-(8).
 Neitzel (2010), Journal of Geodesy 84, 751-762 (errors in both frames by Gauss-Helmert).
 Umeyama (1991), IEEE Transactions on Pattern Analysis and Machine Intelligence 13, 376-380.
@@ -54,11 +57,14 @@ SMALLEST_REDUNDANCY = 1e-3  # of a direction of a pair, when its misclosure is s
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Similarity:
-    """``X = translation + scale · rotation @ x`` with its accuracy. A stack of fits gives every field its leading axes ``…``.
+    """``X = translation + scale · rotation @ x`` with its accuracy. A stack of fits gives every
+    field its leading axes ``…``.
 
     scale : (…) μ; rotation : (…, 3, 3) R, det +1
-    centre : (…, 3) the point of the source frame about which it was solved; image : (…, 3) where it comes to lie
-    central_cofactor : (…, 7, 7) cofactor of (image, ω, μ), which hardly depend on one another; zeros for a scale held at 1
+    centre : (…, 3) the point of the source frame about which it was solved; image : (…, 3) where it
+        comes to lie
+    central_cofactor : (…, 7, 7) cofactor of (image, ω, μ), which hardly depend on one another;
+        zeros for a scale held at 1
     sigma_0 : (…) unit-weight standard deviation, in m where no cofactors were given
     residuals : (…, n, 3) misclosures ``r = X − t − μ R x`` in m, in the target frame
     weights : (…, n) weight of each pair relative to its a-priori one; 0 is exactly 0
@@ -102,7 +108,9 @@ class Similarity:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(…, 7, 7) of (t, ω, μ): ``sigma_0² · cofactor``, the cofactor itself where it is absolute."""
+        """(…, 7, 7) of (t, ω, μ): ``sigma_0² · cofactor``, the cofactor itself where it is
+        absolute.
+        """
         return self._variance_factor * self.cofactor
 
     @property
@@ -123,7 +131,11 @@ class Similarity:
 
     @property
     def _variance_factor(self) -> np.ndarray:
-        return np.ones(np.shape(self.scale) + (1, 1)) if self.absolute else np.asarray(self.sigma_0)[..., None, None] ** 2
+        return (
+            np.ones(np.shape(self.scale) + (1, 1))
+            if self.absolute
+            else np.asarray(self.sigma_0)[..., None, None] ** 2
+        )
 
     def transform(self, points) -> np.ndarray:
         """Points (n, 3), (…, n, 3) or one (3,) of the source frame, in the target frame.
@@ -139,7 +151,9 @@ class Similarity:
 
     def _turned(self, points: np.ndarray) -> np.ndarray:
         """``μ R (x − centre)``, (…, n, 3)."""
-        return (points - self.centre[..., None, :]) @ (np.asarray(self.scale)[..., None, None] * self.rotation).swapaxes(-1, -2)
+        return (points - self.centre[..., None, :]) @ (
+            np.asarray(self.scale)[..., None, None] * self.rotation
+        ).swapaxes(-1, -2)
 
     def _jacobian(self, points: np.ndarray) -> np.ndarray:
         """∂X/∂(image, ω, μ) of points of the source frame, (…, n, 3, 7)."""
@@ -147,10 +161,12 @@ class Similarity:
         return _design(turned, turned / np.asarray(self.scale)[..., None, None])
 
     def common_errors(self, points) -> np.ndarray:
-        """What the error of the transformation does to points (…, n, 3), as seven independent sources, (…, n, 3, 7) in m.
+        """What the error of the transformation does to points (…, n, 3), as seven independent
+        sources, (…, n, 3, 7) in m.
 
-        Column k holds the displacements of all points by one standard deviation of source k, so with A_i of point i
-        the points i and j have the covariance ``A_i A_jᵀ``: it is common to all points and does not average out over them.
+        Column k holds the displacements of all points by one standard deviation of source k, so
+        with A_i of point i the points i and j have the covariance ``A_i A_jᵀ``: it is common to all
+        points and does not average out over them.
 
         Source: propagation of the parameters' covariance, F Σ Fᵀ, as in Li et al. 2015.
         """
@@ -162,8 +178,8 @@ class Similarity:
         """Covariance of each transformed point, ``F Σ Fᵀ + μ² R D Rᵀ``, (…, n, 3, 3) in m².
 
         points : (n, 3) or (…, n, 3) in the source frame
-        cofactors : (n,) variances or (n, 3, 3) covariances D of the points themselves in m², absolute; None for
-            points without error
+        cofactors : (n,) variances or (n, 3, 3) covariances D of the points themselves in m²,
+            absolute; None for points without error
         """
         points = _points(points)
         if points.ndim == 1:
@@ -178,7 +194,8 @@ class Similarity:
     def inverse(self) -> Similarity:
         """The transformation from the target to the source frame, with the same pairs and accuracy.
 
-        Its covariance is propagated, and its residuals are these turned and scaled: ``x − x(X) = −Rᵀ r/μ``.
+        Its covariance is propagated, and its residuals are these turned and scaled:
+        ``x − x(X) = −Rᵀ r/μ``.
         """
         scale = np.asarray(self.scale)[..., None, None]
         back = self.rotation.swapaxes(-1, -2)
@@ -216,10 +233,13 @@ def _frozen(**fields) -> Similarity:
 # -------------------------------------------------------------------------------- closed form
 
 
-def umeyama(source, target, *, scale: bool = True, weights=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def umeyama(
+    source, target, *, scale: bool = True, weights=None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``min Σ w |X − t − μ R x|²`` in closed form: μ (…), R (…, 3, 3) with det +1, and t (…, 3).
 
-        H = Σ w ΔX Δxᵀ = U S Vᵀ,   R = U D Vᵀ,   D = diag(1, 1, det UVᵀ),   μ = tr(S D)/Σ w |Δx|²,   t = X̄ − μ R x̄
+        H = Σ w ΔX Δxᵀ = U S Vᵀ,   R = U D Vᵀ,   D = diag(1, 1, det UVᵀ),   μ = tr(S D)/Σ w |Δx|²,
+        t = X̄ − μ R x̄
 
     Parameters, errors: as :func:`fit_similarity`. Any angle of rotation; points in a plane, too.
 
@@ -238,7 +258,9 @@ def umeyama(source, target, *, scale: bool = True, weights=None) -> tuple[np.nda
     return mu[()], R, image + T - mu[..., None] * (R @ centre[..., None])[..., 0]
 
 
-def _umeyama(x: np.ndarray, X: np.ndarray, w: np.ndarray, free_scale: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _umeyama(
+    x: np.ndarray, X: np.ndarray, w: np.ndarray, free_scale: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same for stacks that are near their origins, w ≥ 0."""
     mean_x, mean_X = _mean(x, w), _mean(X, w)
     dx, dX = x - mean_x[..., None, :], X - mean_X[..., None, :]
@@ -246,7 +268,11 @@ def _umeyama(x: np.ndarray, X: np.ndarray, w: np.ndarray, free_scale: bool) -> t
     proper = np.sign(np.linalg.det(U @ Vt))
     S[..., 2] *= proper
     R = np.concatenate([U[..., :2], U[..., 2:] * proper[..., None, None]], axis=-1) @ Vt
-    mu = np.sum(S, axis=-1) / np.sum(w * np.sum(dx**2, axis=-1), axis=-1) if free_scale else np.ones(S.shape[:-1])
+    mu = (
+        np.sum(S, axis=-1) / np.sum(w * np.sum(dx**2, axis=-1), axis=-1)
+        if free_scale
+        else np.ones(S.shape[:-1])
+    )
     return mu, R, mean_X - mu[..., None] * (R @ mean_x[..., None])[..., 0]
 
 
@@ -255,9 +281,11 @@ def _umeyama(x: np.ndarray, X: np.ndarray, w: np.ndarray, free_scale: bool) -> t
 
 @dataclass(frozen=True, eq=False)
 class ThirteenParameters:
-    """Result of :func:`thirteen_parameters`: (T, μ, a, b, c) with a, b, c the rows of R; fields as in :class:`Similarity`.
+    """Result of :func:`thirteen_parameters`: (T, μ, a, b, c) with a, b, c the rows of R; fields as
+    in :class:`Similarity`.
 
-    centre, image : (…, 3) ``X = image + T + μ R (x − centre)``: the means of both sets, to which they were reduced
+    centre, image : (…, 3) ``X = image + T + μ R (x − centre)``: the means of both sets, to which
+        they were reduced
     cofactor : (…, 13, 13) of (T, μ, a, b, c), of rank 7
     """
 
@@ -272,27 +300,34 @@ class ThirteenParameters:
     stop_reason: np.ndarray
 
 
-def thirteen_parameters(source, target, *, weights=None, start=None, max_iterations: int = 50) -> ThirteenParameters:
-    """The model with thirteen parameters and six constraints, as printed: T, μ and nine direction cosines.
+def thirteen_parameters(
+    source, target, *, weights=None, start=None, max_iterations: int = 50
+) -> ThirteenParameters:
+    """The model with thirteen parameters and six constraints, as printed: T, μ and nine direction
+    cosines.
 
-        v = dT + R₀x dμ + μ₀ (x·da, x·db, x·dc)ᵀ − l,   l = X − T₀ − μ₀ R₀ x                     (observations)
-        a·a = b·b = c·c = 1,   a·b = a·c = b·c = 0,   linearised C dξ + w = 0                     (constraints)
+        v = dT + R₀x dμ + μ₀ (x·da, x·db, x·dc)ᵀ − l,   l = X − T₀ − μ₀ R₀ x
+        (observations) a·a = b·b = c·c = 1,   a·b = a·c = b·c = 0,   linearised C dξ + w = 0
+        (constraints)
         [BᵀPB  Cᵀ; C  0] [dξ; k] = [BᵀPl; −w],   σ0² = vᵀPv/(3n − 7)
 
-    All errors are in the target. At its fixed point it is the solution by SVD, if the start was near enough: from elsewhere it
-    may converge to a rotation with determinant +1 that is wrong, with a negative scale μ.
+    All errors are in the target. At its fixed point it is the solution by SVD, if the start was
+    near enough: from elsewhere it may converge to a rotation with determinant +1 that is wrong,
+    with a negative scale μ.
 
     Parameters
     ----------
     source, target : (…, n, 3) pairs of points in m, n ≥ 3.
     weights : (n,) or (…, n) positive weights P of the pairs, or None for ones.
-    start : (3, 3) or (…, 3, 3) rotation to start from, with μ = 1 and T = 0 between the centroids. None for the
-        solution by SVD: the unit matrix is no safe start for rotations of more than about 90°.
+    start : (3, 3) or (…, 3, 3) rotation to start from, with μ = 1 and T = 0 between the centroids.
+        None for the solution by SVD: the unit matrix is no safe start for rotations of more than
+        about 90°.
     max_iterations : of the linearised model.
 
-    Both sets are reduced to their means and their spread; ``cofactor`` (…, 13, 13) is that of (T, μ, a, b, c) with T the
-    shift between the means, the upper left block of the inverse. Raises ``ValueError`` as :func:`fit_similarity`.
-    Not converged: ``converged`` is False, and ``stop_reason`` says why.
+    Both sets are reduced to their means and their spread; ``cofactor`` (…, 13, 13) is that of (T,
+    μ, a, b, c) with T the shift between the means, the upper left block of the inverse. Raises
+    ``ValueError`` as :func:`fit_similarity`. Not converged: ``converged`` is False, and
+    ``stop_reason`` says why.
 
     Source: Chen, Shen & Liu 2004; Li et al. 2015, eqs. (7)-(8).
 
@@ -314,7 +349,10 @@ def thirteen_parameters(source, target, *, weights=None, start=None, max_iterati
     if start is None:
         mu, R, _ = _umeyama(x, X, w, True)
     else:
-        mu, R = np.ones(count), np.broadcast_to(_rotations(start, lead), lead + (3, 3)).reshape(-1, 3, 3)
+        mu, R = (
+            np.ones(count),
+            np.broadcast_to(_rotations(start, lead), lead + (3, 3)).reshape(-1, 3, 3),
+        )
     parameters = np.concatenate([np.zeros((count, 3)), mu[:, None], R.reshape(-1, 9)], axis=-1)
 
     def advance(problem: _Rows, state):
@@ -334,12 +372,16 @@ def thirteen_parameters(source, target, *, weights=None, start=None, max_iterati
     ]
     problem = _Rows(reduced[:, 0], reduced[:, 1], w)
     with np.errstate(invalid="ignore", over="ignore"):  # a lost problem is reported by its ending
-        ended = iterate(problem, (parameters, np.full(count, np.inf)), advance, endings, max_iterations)
+        ended = iterate(
+            problem, (parameters, np.full(count, np.inf)), advance, endings, max_iterations
+        )
     xi = ended.state[0]
     T, mu, R = length[:, None] * xi[:, :3], xi[:, 3], xi[:, 4:].reshape(-1, 3, 3)
     residuals = X - T[:, None, :] - mu[:, None, None] * (x @ R.swapaxes(-1, -2))
     inverse = solve(_constrained_normals(problem, xi)[0], np.eye(19)[None, :, :13])[:, :13]
-    units = np.concatenate([np.ones((count, 3)), np.repeat(1.0 / length[:, None], 10, axis=1)], axis=1)
+    units = np.concatenate(
+        [np.ones((count, 3)), np.repeat(1.0 / length[:, None], 10, axis=1)], axis=1
+    )
     fields = {
         "scale": mu,
         "rotation": R,
@@ -351,7 +393,9 @@ def thirteen_parameters(source, target, *, weights=None, start=None, max_iterati
         "converged": ended.converged,
         "stop_reason": ended.stop_reason,
     }
-    return ThirteenParameters(**{name: values.reshape(lead + values.shape[1:])[()] for name, values in fields.items()})
+    return ThirteenParameters(
+        **{name: values.reshape(lead + values.shape[1:])[()] for name, values in fields.items()}
+    )
 
 
 @dataclass(frozen=True)
@@ -406,34 +450,44 @@ def fit_similarity(
     seed: int = 0,
     max_iterations: int = 200,
 ) -> Similarity:
-    """Similarity ``X = t + μ R x`` from pairs of points, any rotation, ``min Σ rᵀ(Q_X + μ² R Q_x Rᵀ)⁻¹ r``.
+    """Similarity ``X = t + μ R x`` from pairs of points, any rotation,
+    ``min Σ rᵀ(Q_X + μ² R Q_x Rᵀ)⁻¹ r``.
 
-    Gauss-Helmert iterations from the solution by SVD. For isotropic cofactors in a constant proportion R does not depend on
-    how the errors are shared between the frames, and μ solves ``C σ_x² μ² + (D σ_X² − E σ_x²) μ − C σ_X² = 0`` with
-    C = ΣΔXᵀRΔx, D = Σ|Δx|², E = Σ|ΔX|²; the weights of the pairs matter for all parameters.
+    Gauss-Helmert iterations from the solution by SVD. For isotropic cofactors in a constant
+    proportion R does not depend on how the errors are shared between the frames, and μ solves
+    ``C σ_x² μ² + (D σ_X² − E σ_x²) μ − C σ_X² = 0`` with C = ΣΔXᵀRΔx, D = Σ|Δx|², E = Σ|ΔX|²; the
+    weights of the pairs matter for all parameters.
 
     Parameters
     ----------
-    source, target : (n, 3) or (…, n, 3) coordinates of the same n ≥ 3 points in both frames, m. Not changed.
-    scale : False holds μ at 1, as is right for two instruments that measure in metres unless ``scale_test`` rejects it.
-    weights : (n,) or (…, n) positive weights of the pairs, the inverse of variances in the target frame; or
-    source_cofactors, target_cofactors : cofactors of the points in each frame: one variance, (n,) or (…, n) variances, or
-        (n, 3, 3) or (…, n, 3, 3) covariances; None for points without errors. Neither: unit variances in the target.
-    absolute : the cofactors are variances in m² and not only in proportion; the covariance is then not scaled by σ0,
-        and a robust adjustment judges misclosures by them. With few pairs this is worth much.
-    robust : find wrong pairs and leave them out (at least four pairs): a start from the three pairs that agree with
-        more than half of all, then IGG III weights on the test of each pair against the others.
+    source, target : (n, 3) or (…, n, 3) coordinates of the same n ≥ 3 points in both frames, m. Not
+        changed.
+    scale : False holds μ at 1, as is right for two instruments that measure in metres unless
+        ``scale_test`` rejects it.
+    weights : (n,) or (…, n) positive weights of the pairs, the inverse of variances in the target
+        frame; or
+    source_cofactors, target_cofactors : cofactors of the points in each frame: one variance, (n,)
+        or (…, n) variances, or (n, 3, 3) or (…, n, 3, 3) covariances; None for points without
+        errors. Neither: unit variances in the target.
+    absolute : the cofactors are variances in m² and not only in proportion; the covariance is then
+        not scaled by σ0, and a robust adjustment judges misclosures by them. With few pairs this is
+        worth much.
+    robust : find wrong pairs and leave them out (at least four pairs): a start from the three pairs
+        that agree with more than half of all, then IGG III weights on the test of each pair against
+        the others.
     seed : of the subsets of three pairs, where there are too many to try all (more than 15 pairs).
 
     Returns
     -------
     Similarity, its fields with the leading axes of ``source``.
 
-    Raises ``ValueError`` for unequal numbers of points, fewer than three pairs (robust: four), points on a line, NaN or
-    infinity, weights that are not positive and weights beside cofactors. Not converged: ``converged`` is False,
-    ``stop_reason`` says why, and a ``ConvergenceWarning`` is given.
+    Raises ``ValueError`` for unequal numbers of points, fewer than three pairs (robust: four),
+    points on a line, NaN or infinity, weights that are not positive and weights beside cofactors.
+    Not converged: ``converged`` is False, ``stop_reason`` says why, and a ``ConvergenceWarning`` is
+    given.
 
-    Source: Umeyama 1991 (start); Neitzel 2010 (errors in both frames); Yang, Song & Xu 2002 (IGG III).
+    Source: Umeyama 1991 (start); Neitzel 2010 (errors in both frames); Yang, Song & Xu 2002 (IGG
+    III).
 
     >>> x = np.array([[0.0, 0, 0], [4, 0, 0], [0, 3, 0], [0, 0, 2], [3, 2, 1]])
     >>> X = [1, 2, 3] + x[:, [1, 2, 0]]
@@ -450,7 +504,9 @@ def fit_similarity(
     return _fitted(x, X, Q_x, Q_X, scale, absolute, robust, seed, max_iterations)
 
 
-def _fitted(x, X, Q_x, Q_X, scale: bool, absolute: bool, robust: bool, seed: int, max_iterations: int) -> Similarity:
+def _fitted(
+    x, X, Q_x, Q_X, scale: bool, absolute: bool, robust: bool, seed: int, max_iterations: int
+) -> Similarity:
     """The fit of checked pairs (…, n, 3) with cofactors (…, n, 3, 3)."""
     lead, n = x.shape[:-2], x.shape[-2]
     x, X = x.reshape(-1, n, 3), X.reshape(-1, n, 3)
@@ -459,18 +515,28 @@ def _fitted(x, X, Q_x, Q_X, scale: bool, absolute: bool, robust: bool, seed: int
     mu = np.sqrt(_squares(X) / _squares(x)) if scale else np.ones(len(x))
     w = 3.0 / np.trace(Q_X + mu[:, None, None, None] ** 2 * Q_x, axis1=-2, axis2=-1)
     centre, image = _mean(x, w), _mean(X, w)
-    pairs = _Pairs(x - centre[:, None, :], X - image[:, None, :], Q_x, Q_X, w, 4 * np.finfo(float).eps * np.abs(X).max(axis=(-1, -2)))
+    pairs = _Pairs(
+        x - centre[:, None, :],
+        X - image[:, None, :],
+        Q_x,
+        Q_X,
+        w,
+        4 * np.finfo(float).eps * np.abs(X).max(axis=(-1, -2)),
+    )
     adjusted = _adjust(pairs, scale, robust, absolute, seed, max_iterations)
     fields = {**adjusted, "centre": centre, "image": image + adjusted["image"]}
     fields = {name: values.reshape(lead + values.shape[1:])[()] for name, values in fields.items()}
-    similarity = _frozen(method="robust" if robust else "least squares", absolute=absolute, **fields)
+    similarity = _frozen(
+        method="robust" if robust else "least squares", absolute=absolute, **fields
+    )
     warn_if_not_converged(similarity)
     return similarity
 
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Pairs of a stack of problems about their centroids: x, X (B, n, 3) with cofactors (B, n, 3, 3), start weights w (B, n).
+    """Pairs of a stack of problems about their centroids: x, X (B, n, 3) with cofactors (B, n, 3,
+    3), start weights w (B, n).
 
     rounding : (B,) of the given coordinates in m; misclosures below it are no reason to lose weight
     """
@@ -486,13 +552,18 @@ class _Pairs:
         return _Pairs(**{name: values[keep] for name, values in vars(self).items()})
 
 
-def _adjust(pairs: _Pairs, free_scale: bool, robust: bool, absolute: bool, seed: int, max_iterations: int) -> dict[str, np.ndarray]:
+def _adjust(
+    pairs: _Pairs, free_scale: bool, robust: bool, absolute: bool, seed: int, max_iterations: int
+) -> dict[str, np.ndarray]:
     """Fields of :class:`Similarity` for a stack; ``image`` about the centroid."""
     function = IGG3(2.5, 4.0, 1) if robust else None
     t = 7 if free_scale else 6
     count, n = pairs.w.shape
     if robust:
-        weights, inflation = _trimmed_start(pairs, free_scale, seed), 1.0 / _trimmed_variance(_half(n) / n)
+        weights, inflation = (
+            _trimmed_start(pairs, free_scale, seed),
+            1.0 / _trimmed_variance(_half(n) / n),
+        )
     else:
         weights, inflation = np.ones((count, n)), 1.0
     mu, R, T = _umeyama(pairs.x, pairs.X, weights * pairs.w, free_scale)
@@ -502,7 +573,9 @@ def _adjust(pairs: _Pairs, free_scale: bool, robust: bool, absolute: bool, seed:
         r, J, unit = _whitened(pairs, mu, R, T, t)
         before = weights
         if function is not None:
-            weights = _robust_weights(function, r, J, weights, np.where(age, 1.0, inflation), pairs, absolute)
+            weights = _robust_weights(
+                function, r, J, weights, np.where(age, 1.0, inflation), pairs, absolute
+            )
             # Two pairs may throw each other out by turns: they go half of the way then.
             by_turns = (age[:, None] >= PATIENCE) & (np.abs(weights - before) > SETTLED)
             weights = np.where(by_turns, 0.5 * (before + weights), weights)
@@ -546,7 +619,11 @@ def _result(pairs: _Pairs, ended: Ended, function: IGG3 | None, t: int) -> dict[
         "rotation": R,
         "image": T,
         "central_cofactor": cofactor,
-        "sigma_0": np.sqrt(np.sum(weights * np.sum(r**2, axis=-1), axis=-1) / slope / np.where(redundancy > 0, redundancy, np.nan)),
+        "sigma_0": np.sqrt(
+            np.sum(weights * np.sum(r**2, axis=-1), axis=-1)
+            / slope
+            / np.where(redundancy > 0, redundancy, np.nan)
+        ),
         "residuals": _misclosures(pairs, mu, R, T)[0],
         "weights": weights,
         "redundancy": 3 * np.count_nonzero(weights, axis=-1) - t,
@@ -557,7 +634,9 @@ def _result(pairs: _Pairs, ended: Ended, function: IGG3 | None, t: int) -> dict[
 
 
 def _units(x: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """What makes the parameters (T, ω, μ) shifts in m of a point at the mean distance from the centroid, (B, 7)."""
+    """What makes the parameters (T, ω, μ) shifts in m of a point at the mean distance from the
+    centroid, (B, 7).
+    """
     spread = _spread(x)
     ones = np.ones((len(x), 3))
     return np.concatenate([ones, ones * (mu * spread)[:, None], spread[:, None]], axis=-1)
@@ -570,18 +649,22 @@ def _misclosures(pairs: _Pairs, mu, R, T) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _whitened(pairs: _Pairs, mu, R, T, t: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Misclosures (B, n, 3) and design (B, n, 3, t) at the adjusted points, both times S^(−1/2) of their pair.
+    """Misclosures (B, n, 3) and design (B, n, 3, t) at the adjusted points, both times S^(−1/2) of
+    their pair.
 
     The design is that of parameters times their :func:`_units` (B, 7), which come third.
     """
     r, turned = _misclosures(pairs, mu, R, T)
     from_source = mu[:, None, None, None] ** 2 * propagate(pairs.Q_x, R[:, None])
     S = from_source + pairs.Q_X
-    # Where the source has errors, the design belongs at its adjusted points x − e_x, e_x = −μ Q_x Rᵀ S⁻¹ r.
+    # Where the source has errors, the design belongs at its adjusted points x − e_x, e_x = −μ Q_x
+    # Rᵀ S⁻¹ r.
     turned = turned + (from_source @ np.linalg.solve(S, r[..., None]))[..., 0]
     unit = _units(pairs.x, mu)
     design = _design(turned, turned / mu[:, None, None]) / unit[:, None, None, :]
-    both = np.linalg.solve(np.linalg.cholesky(S), np.concatenate([r[..., None], design[..., :t]], axis=-1))
+    both = np.linalg.solve(
+        np.linalg.cholesky(S), np.concatenate([r[..., None], design[..., :t]], axis=-1)
+    )
     return both[..., 0], both[..., 1:], unit
 
 
@@ -600,23 +683,28 @@ def _design(turned: np.ndarray, per_scale: np.ndarray) -> np.ndarray:
 # ------------------------------------------------------------------------------------- robust
 
 
-def _robust_weights(function: IGG3, r, J, weights, inflation, pairs: _Pairs, absolute: bool) -> np.ndarray:
+def _robust_weights(
+    function: IGG3, r, J, weights, inflation, pairs: _Pairs, absolute: bool
+) -> np.ndarray:
     """IGG III weights (B, n) from the test of each pair against all others.
 
-    With h_k and r_k the leverages (eigenvalues of J N⁻¹ Jᵀ) and misclosures of a pair along their three principal axes,
+    With h_k and r_k the leverages (eigenvalues of J N⁻¹ Jᵀ) and misclosures of a pair along their
+    three principal axes,
 
         T² = Σ r_k² / ((1 − ωh_k)(1 + (1 − ω)h_k)),   Ω' = Ω − Σ ω r_k² / (1 − ωh_k)
 
-    are the square of its misclosure to the adjustment of all others, standardised, and the sum of squares that these have
-    with f degrees of freedom: whatever its own weight ω, a pair is judged by the others alone. For a good pair T² f/(3Ω')
-    is F(3, f), with known variances T² is χ²(3). Its probability, as that of a standard normal |u|, gives the weight,
-    so few pairs are judged with the caution they need. Variances said to be known are not believed where the others
+    are the square of its misclosure to the adjustment of all others, standardised, and the sum of
+    squares that these have with f degrees of freedom: whatever its own weight ω, a pair is judged
+    by the others alone. For a good pair T² f/(3Ω') is F(3, f), with known variances T² is χ²(3).
+    Its probability, as that of a standard normal |u|, gives the weight, so few pairs are judged
+    with the caution they need. Variances said to be known are not believed where the others
     contradict them (Ω' against χ²(f)): too small ones would reject pair after pair.
     """
     t = J.shape[-1]
     N = np.einsum("bn,bnki,bnkj->bij", weights, J, J, optimize=True)
     leverage = J @ solve(N[:, None], J.swapaxes(-1, -2))
-    leverage = np.where(np.isfinite(leverage), leverage, 0.0)  # singular equations end the iteration, not this test
+    # singular equations end the iteration, not this test
+    leverage = np.where(np.isfinite(leverage), leverage, 0.0)
     h, axes = np.linalg.eigh(0.5 * (leverage + leverage.swapaxes(-1, -2)))
     squares = np.einsum("bnki,bnk->bni", axes, r) ** 2
     w = weights[..., None]
@@ -641,9 +729,17 @@ def _normal_means(function: IGG3) -> tuple[float, float, float]:
 
     def mean(power: int) -> float:
         def integrand(u):
-            return function.weight(u) ** power * chi2.isf(2.0 * norm.sf(u), 3) / 3.0 * 2.0 * norm.pdf(u)
+            return (
+                function.weight(u) ** power
+                * chi2.isf(2.0 * norm.sf(u), 3)
+                / 3.0
+                * 2.0
+                * norm.pdf(u)
+            )
 
-        return sum(quad(integrand, *edges)[0] for edges in [(0.0, function.k0), (function.k0, function.k1)])
+        return sum(
+            quad(integrand, *edges)[0] for edges in [(0.0, function.k0), (function.k0, function.k1)]
+        )
 
     return function.mean_weight, mean(1), mean(2)
 
@@ -655,12 +751,16 @@ def _half(n: int) -> int:
 
 @cache
 def _trimmed_variance(share: float) -> float:
-    """Mean of d²/3 over the ``share`` of the smallest of χ² variables d² with three degrees of freedom."""
+    """Mean of d²/3 over the ``share`` of the smallest of χ² variables d² with three degrees of
+    freedom.
+    """
     return float(chi2.cdf(chi2.ppf(share, 3), 5) / share) if share < 1 else 1.0
 
 
 def _trimmed_start(pairs: _Pairs, free_scale: bool, seed: int) -> np.ndarray:
-    """Weights (B, n), 1 for the more than half of the pairs that agree best with three of them, else 0."""
+    """Weights (B, n), 1 for the more than half of the pairs that agree best with three of them,
+    else 0.
+    """
     n = pairs.w.shape[1]
     subsets = _subsets(n, seed)
     w = np.empty_like(pairs.w)
@@ -668,11 +768,16 @@ def _trimmed_start(pairs: _Pairs, free_scale: bool, seed: int) -> np.ndarray:
         some = pairs[part]
         found = _umeyama(some.x[:, subsets], some.X[:, subsets], some.w[:, subsets], free_scale)
         squares = _weighted_squares(some, *found)
-        best = np.argmin(np.sum(np.partition(squares, _half(n) - 1, axis=-1)[..., : _half(n)], axis=-1), axis=-1)
+        best = np.argmin(
+            np.sum(np.partition(squares, _half(n) - 1, axis=-1)[..., : _half(n)], axis=-1), axis=-1
+        )
         w[part] = _smallest(np.take_along_axis(squares, best[:, None, None], axis=1)[:, 0])
     for _ in range(20):
         mu, R, T = _umeyama(pairs.x, pairs.X, w * pairs.w, free_scale)
-        w, before = _smallest(_weighted_squares(pairs, mu[:, None], R[:, None], T[:, None])[:, 0]), w
+        w, before = (
+            _smallest(_weighted_squares(pairs, mu[:, None], R[:, None], T[:, None])[:, 0]),
+            w,
+        )
         if np.array_equal(w, before):
             break
     return w
@@ -723,13 +828,17 @@ def _paired(source, target, smallest: int = SMALLEST) -> tuple[np.ndarray, np.nd
     try:
         lead = np.broadcast_shapes(x.shape[:-2], X.shape[:-2])
     except ValueError:
-        raise ValueError(f"source, target: expected stacks of the same shape, got {x.shape} and {X.shape}") from None
+        raise ValueError(
+            f"source, target: expected stacks of the same shape, got {x.shape} and {X.shape}"
+        ) from None
     n = x.shape[-2]
     if n < smallest:
         what = "a similarity" if smallest == SMALLEST else "a robust one"
         raise ValueError(f"source, target: expected at least {smallest} pairs for {what}, got {n}")
     if 0 in lead:
-        raise ValueError(f"source, target: expected at least one set of pairs, got an empty stack of shape {lead + (n, 3)}")
+        raise ValueError(
+            f"source, target: expected at least one set of pairs, got an empty stack of shape {lead + (n, 3)}"
+        )
     for points, name in [(x, "source"), (X, "target")]:
         _require_an_area(points, name)
     return np.broadcast_to(x, lead + (n, 3)), np.broadcast_to(X, lead + (n, 3))
@@ -740,7 +849,9 @@ def _require_an_area(points: np.ndarray, name: str) -> None:
     line = singular[..., 1] <= LINE * singular[..., 0]
     if line.any():
         count = "" if line.ndim == 0 else f" in {np.count_nonzero(line)} of {line.size} sets"
-        raise ValueError(f"{name}: expected points that span an area, got points on a line{count}: the rotation about it is not determined")
+        raise ValueError(
+            f"{name}: expected points that span an area, got points on a line{count}: the rotation about it is not determined"
+        )
 
 
 def _cofactors(values, shape: tuple[int, ...], name: str) -> np.ndarray:
@@ -748,11 +859,17 @@ def _cofactors(values, shape: tuple[int, ...], name: str) -> np.ndarray:
     array = finite_array(values, name)
     if array.ndim >= 3 and array.shape[-3:] == (shape[-1], 3, 3):
         return covariance_array(array, shape + (3, 3), name)
-    variances = np.full(shape, positive(array, name)) if array.ndim == 0 else weight_array(array, shape, name)
+    variances = (
+        np.full(shape, positive(array, name))
+        if array.ndim == 0
+        else weight_array(array, shape, name)
+    )
     return variances[..., None, None] * np.eye(3)
 
 
-def _both_cofactors(weights, of_source, of_target, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _both_cofactors(
+    weights, of_source, of_target, shape: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
     if weights is not None and not (of_source is None and of_target is None):
         raise ValueError("weights: expected None beside cofactors, which say all, got both")
     none = np.zeros(shape + (3, 3))
@@ -768,9 +885,14 @@ def _rotations(start, lead: tuple[int, ...]) -> np.ndarray:
     R = finite_array(start, "start")
     if R.shape not in ((3, 3), lead + (3, 3)):
         raise ValueError(f"start: expected shape (3, 3) or {lead + (3, 3)}, got {R.shape}")
-    proper = np.allclose(R @ R.swapaxes(-1, -2), np.eye(3), rtol=0, atol=1e-6) and (np.linalg.det(R) > 0).all()
+    proper = (
+        np.allclose(R @ R.swapaxes(-1, -2), np.eye(3), rtol=0, atol=1e-6)
+        and (np.linalg.det(R) > 0).all()
+    )
     if not proper:
-        raise ValueError("start: expected rotation matrices, orthogonal with determinant +1, got some that are not")
+        raise ValueError(
+            "start: expected rotation matrices, orthogonal with determinant +1, got some that are not"
+        )
     return R
 
 

@@ -1,1 +1,3 @@
-"""What `make` calls: running notebooks, fetching scans, writing the README's tables and the static site. No science in here."""
+"""What `make` calls: running notebooks, fetching scans, writing the README's tables and the static
+site. No science in here.
+"""

@@ -1,8 +1,9 @@
 """
-Time and memory of the methods, against stated limits and beside other libraries' fits of the same points.
+Time and memory of the methods, against stated limits and beside other libraries' fits of the same
+points.
 
-``python -m project.bench``; takes about four minutes. scikit-image takes part where it is installed (the extra
-``benchmark``). Numbers are of this machine at this moment, so nothing is exported.
+``python -m project.bench``; takes about four minutes. scikit-image takes part where it is installed
+(the extra ``benchmark``). Numbers are of this machine at this moment, so nothing is exported.
 """
 
 import importlib.util
@@ -26,7 +27,8 @@ from studies.ou_liu_2017 import clouds, peers
 
 ONE, STACK, LARGE = clouds.SPHERE_POINTS, 2_000, 1_000_000
 PATCHES, PATCH_POINTS = 20_000, 100
-LOOP_SECONDS = 1.0  # where the loop over the stack would take longer, it runs over evenly spread clouds only
+# where the loop over the stack would take longer, it runs over evenly spread clouds only
+LOOP_SECONDS = 1.0
 PEER = "scikit-spatial"
 SOME, GROWING = 10_000, (10_000, 100_000, 1_000_000, 10_000_000)  # points with gross errors
 GROSS_SHARE, SIGMA = 0.1, 0.003  # of these points; m
@@ -43,7 +45,13 @@ LIMITS = pd.DataFrame(
         (f"{LARGE} points", "peak : input", "at most", 4.0, ("ls", "mixed_ls_tls")),
         (f"{LARGE} points with gross errors", "s a fit", "at most", 0.25, ("robust",)),
         (f"{LARGE} points with gross errors", "peak : input", "at most", 1.0, ("robust",)),
-        (f"{LARGE} points with gross errors", "times robust", "at least", 3.0, ("scikit-image, RANSAC",)),
+        (
+            f"{LARGE} points with gross errors",
+            "times robust",
+            "at least",
+            3.0,
+            ("scikit-image, RANSAC",),
+        ),
         (f"{LARGE} points with gross errors", "times robust", "at least", 10.0, ("scipy, cauchy",)),
         (f"{SOME} points with gross errors", "times robust", "at least", 40.0, ("odrpack",)),
         ("robust, more and more points", "exponent", "at most", 1.1, None),
@@ -57,7 +65,9 @@ LIMITS = pd.DataFrame(
 
 
 def fastest(calls, repeats):
-    """Shortest time of each of the named calls, s. They take turns, so that a busy moment of the machine hits all alike."""
+    """Shortest time of each of the named calls, s. They take turns, so that a busy moment of the
+    machine hits all alike.
+    """
     best = dict.fromkeys(calls, math.inf)
     for _ in tqdm(range(repeats), leave=False, disable=None):
         for name, call in calls.items():
@@ -89,7 +99,9 @@ def single(points, methods, repeats=20):
 
 
 def stacked(stack, methods, one_ms):
-    """A stack (B, n, 3) in one call and in a loop: ms a cloud, their ratio, and the largest difference of parameters, m."""
+    """A stack (B, n, 3) in one call and in a loop: ms a cloud, their ratio, and the largest
+    difference of parameters, m.
+    """
     rows = []
     for name, ms in zip(methods, one_ms, strict=True):
         looped = slice(None, None, math.ceil(1e-3 * ms * len(stack) / LOOP_SECONDS))
@@ -105,15 +117,34 @@ def stacked(stack, methods, one_ms):
         stack_ms, loop_ms = 1e3 * best["one call"] / len(stack), 1e3 * best["loop"] / len(apart[0])
         difference = np.abs(together[0][looped] - apart[0]).max()
         rows.append((name, len(apart[0]), stack_ms, loop_ms, loop_ms / stack_ms, difference))
-    return pd.DataFrame(rows, columns=["method", "in the loop", "stack, ms", "loop, ms", "loop : stack", "largest difference"])
+    return pd.DataFrame(
+        rows,
+        columns=[
+            "method",
+            "in the loop",
+            "stack, ms",
+            "loop, ms",
+            "loop : stack",
+            "largest difference",
+        ],
+    )
 
 
 def large(calls, sizes, repeats=2):
-    """Named calls on one large input, the peer's first: s a fit, peak memory over the input's bytes, and the peer's time over it."""
+    """Named calls on one large input, the peer's first: s a fit, peak memory over the input's
+    bytes, and the peer's time over it.
+    """
     best = fastest(calls, repeats)
     memory = [peak(call) / sizes[name] for name, call in calls.items()]
     seconds = np.array(list(best.values()))
-    return pd.DataFrame({"method": list(calls), "s a fit": seconds, "peak : input": memory, f"{PEER} : method": best[PEER] / seconds})
+    return pd.DataFrame(
+        {
+            "method": list(calls),
+            "s a fit": seconds,
+            "peak : input": memory,
+            f"{PEER} : method": best[PEER] / seconds,
+        }
+    )
 
 
 def large_sphere(points, methods, repeats=2):
@@ -130,7 +161,9 @@ def gross_cloud(generator, n):
 
 
 def orthogonal_by_odrpack(points):
-    """Orthogonal distances by odrpack, implicit, from the LS sphere; coordinates reduced to the centroid."""
+    """Orthogonal distances by odrpack, implicit, from the LS sphere; coordinates reduced to the
+    centroid.
+    """
     origin = points.mean(axis=0)
     start = analysis.fit_sphere(points, "ls").parameters - [*origin, 0.0]
 
@@ -162,24 +195,42 @@ class RansacSphere:
 
 
 def robust_against(points, others, repeats=2):
-    """``fit_sphere`` beside named calls on the same points: s a fit, peak memory over the input's bytes, and the time over ours."""
+    """``fit_sphere`` beside named calls on the same points: s a fit, peak memory over the input's
+    bytes, and the time over ours.
+    """
     calls = {"robust": lambda: analysis.fit_sphere(points)} | others
     best = fastest(calls, repeats)
     memory = [peak(call) / points.nbytes for call in calls.values()]
     seconds = np.array(list(best.values()))
-    return pd.DataFrame({"method": list(calls), "s a fit": seconds, "peak : input": memory, "times robust": seconds / best["robust"]})
+    return pd.DataFrame(
+        {
+            "method": list(calls),
+            "s a fit": seconds,
+            "peak : input": memory,
+            "times robust": seconds / best["robust"],
+        }
+    )
 
 
 def cauchy_by_scipy(points):
-    """Least cauchy loss of the distances from the LS sphere on, with scipy's own Jacobian; coordinates reduced to the centroid."""
+    """Least cauchy loss of the distances from the LS sphere on, with scipy's own Jacobian;
+    coordinates reduced to the centroid.
+    """
     origin = points.mean(axis=0)
     start = analysis.fit_sphere(points, "ls").parameters - [*origin, 0.0]
     centred = points - origin
-    return least_squares(lambda x: np.linalg.norm(centred - x[:3], axis=1) - x[3], start, loss="cauchy", f_scale=SIGMA).x
+    return least_squares(
+        lambda x: np.linalg.norm(centred - x[:3], axis=1) - x[3],
+        start,
+        loss="cauchy",
+        f_scale=SIGMA,
+    ).x
 
 
 def other_robust_fits(points):
-    """Named calls of robust fits of other libraries; they are told the noise, which ``fit_sphere`` finds itself."""
+    """Named calls of robust fits of other libraries; they are told the noise, which ``fit_sphere``
+    finds itself.
+    """
     calls = {
         "scipy, cauchy": lambda: cauchy_by_scipy(points),
         "scipy, cauchy, given the Jacobian": lambda: peers.robust_loss(points, "cauchy", SIGMA),
@@ -192,25 +243,36 @@ def other_robust_fits(points):
 
 
 def growing(generator, sizes, repeats=2):
-    """``fit_sphere`` of more and more points: seconds, and the exponent of the time against the points from each size to the next."""
+    """``fit_sphere`` of more and more points: seconds, and the exponent of the time against the
+    points from each size to the next.
+    """
     seconds = np.empty(len(sizes))
     for place, n in enumerate(sizes):
         points = gross_cloud(generator, n)
         seconds[place] = fastest(fits(points, ["robust"]), repeats)["robust"]
     exponents = np.concatenate([[0.0], np.diff(np.log(seconds)) / np.diff(np.log(sizes))])
-    return pd.DataFrame({"method": [f"{n} points" for n in sizes], "s a fit": seconds, "exponent": exponents})
+    return pd.DataFrame(
+        {"method": [f"{n} points" for n in sizes], "s a fit": seconds, "exponent": exponents}
+    )
 
 
 def plane_cloud(generator, shape):
     """Points (…, n, 3) of patches of 1 m of a level plane, σ 2 mm, 3 m below the origin."""
-    points = np.concatenate([generator.uniform(-0.5, 0.5, shape + (2,)), np.full(shape + (1,), -3.0)], axis=-1)
+    points = np.concatenate(
+        [generator.uniform(-0.5, 0.5, shape + (2,)), np.full(shape + (1,), -3.0)], axis=-1
+    )
     return points + 0.002 * generator.standard_normal(points.shape)
 
 
 def large_plane(points, cofactors, repeats=2):
-    """:func:`large` for one large cloud (n, 3) of a plane, and for its ``eiv`` fit with cofactors (n, 3, 3)."""
-    calls = {PEER: lambda: Plane.best_fit(points, full_matrices=False)}  # its default would form an n×n matrix
-    calls |= {name: lambda name=name: analysis.fit_plane(points, name) for name in analysis.PLANE_METHODS}
+    """:func:`large` for one large cloud (n, 3) of a plane, and for its ``eiv`` fit with cofactors
+    (n, 3, 3).
+    """
+    # its default would form an n×n matrix
+    calls = {PEER: lambda: Plane.best_fit(points, full_matrices=False)}
+    calls |= {
+        name: lambda name=name: analysis.fit_plane(points, name) for name in analysis.PLANE_METHODS
+    }
     sizes = dict.fromkeys(calls, points.nbytes)
     calls["eiv, full cofactors"] = lambda: analysis.fit_plane(points, "eiv", cofactors=cofactors)
     sizes["eiv, full cofactors"] = points.nbytes + cofactors.nbytes
@@ -218,18 +280,24 @@ def large_plane(points, cofactors, repeats=2):
 
 
 def patches(stack, methods, repeats=2):
-    """:func:`large` for a stack (B, n, 3) of plane patches in one call; the peer takes them one by one."""
+    """:func:`large` for a stack (B, n, 3) of plane patches in one call; the peer takes them one by
+    one.
+    """
     calls = {PEER: lambda: [Plane.best_fit(points) for points in stack]}
     calls |= {name: lambda name=name: analysis.fit_plane(stack, name) for name in methods}
     return large(calls, dict.fromkeys(calls, stack.nbytes), repeats)
 
 
 def with_verdicts(table, limits):
-    """The table with a column: whether what its first column names keeps the limits, ok or short, or nothing where none is stated."""
+    """The table with a column: whether what its first column names keeps the limits, ok or short,
+    or nothing where none is stated.
+    """
     verdicts, named = [], table.columns[0]
     for row in table.to_dict("records"):
         kept = [
-            row[asked.quantity] <= asked.limit if asked.rule == "at most" else row[asked.quantity] >= asked.limit
+            row[asked.quantity] <= asked.limit
+            if asked.rule == "at most"
+            else row[asked.quantity] >= asked.limit
             for asked in limits.itertuples()
             if (row[named] in asked.methods if asked.methods else row[named] != PEER)
         ]
@@ -239,7 +307,9 @@ def with_verdicts(table, limits):
 
 def stated(limits):
     """The limits as text."""
-    named = limits.assign(methods=[", ".join(names) if names else "all" for names in limits["methods"]])
+    named = limits.assign(
+        methods=[", ".join(names) if names else "all" for names in limits["methods"]]
+    )
     return f"Limits\n{tables.text(named, {'limit': '.9g'})}\n"
 
 
@@ -251,32 +321,57 @@ def report(run, table, decimals, limits=LIMITS):
 
 def main():
     """Command line."""
-    warnings.simplefilter("ignore", analysis.ConvergenceWarning)  # speed is measured here, not convergence
+    # speed is measured here, not convergence
+    warnings.simplefilter("ignore", analysis.ConvergenceWarning)
     methods = list(analysis.SPHERE_METHODS)
     print(stated(LIMITS))
 
     one = single(clouds.read_sphere_cloud(gross=True), methods)
     print(report(f"{ONE} points", one, 2))
     stack = clouds.sphere_redraws(STACK, gross=True)
-    columns = {"in the loop": 0, "stack, ms": 3, "loop, ms": 3, "loop : stack": 1, "largest difference": ".1e"}
+    columns = {
+        "in the loop": 0,
+        "stack, ms": 3,
+        "loop, ms": 3,
+        "loop : stack": 1,
+        "largest difference": ".1e",
+    }
     print(report(f"stack of {STACK} x {ONE}", stacked(stack, methods, one["ms a fit"]), columns))
     points = clouds.sphere_cloud(np.random.default_rng(clouds.SEED), LARGE)
     print(report(f"{LARGE} points", large_sphere(points, methods), 2))
 
     generator = np.random.default_rng(clouds.SEED)
     points = gross_cloud(generator, LARGE)
-    print(report(f"{LARGE} points with gross errors", robust_against(points, other_robust_fits(points)), 2))
+    print(
+        report(
+            f"{LARGE} points with gross errors",
+            robust_against(points, other_robust_fits(points)),
+            2,
+        )
+    )
     points = gross_cloud(generator, SOME)
-    print(report(f"{SOME} points with gross errors", robust_against(points, {"odrpack": lambda: orthogonal_by_odrpack(points)}), 3))
+    print(
+        report(
+            f"{SOME} points with gross errors",
+            robust_against(points, {"odrpack": lambda: orthogonal_by_odrpack(points)}),
+            3,
+        )
+    )
     print(report("robust, more and more points", growing(generator, GROWING), 3))
 
     points = plane_cloud(generator, (LARGE,))
-    cofactors = RIEGL_VZ400.cofactors(points, normals=np.broadcast_to([0.0, 0.0, 1.0], points.shape))
+    cofactors = RIEGL_VZ400.cofactors(
+        points, normals=np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+    )
     print(report(f"plane, {LARGE} points", large_plane(points, cofactors), 2))
     print(
         report(
             f"{PATCHES} planes x {PATCH_POINTS}",
-            patches(plane_cloud(generator, (PATCHES, PATCH_POINTS)), ["ls", "geometric", "robust"], repeats=1),
+            patches(
+                plane_cloud(generator, (PATCHES, PATCH_POINTS)),
+                ["ls", "geometric", "robust"],
+                repeats=1,
+            ),
             2,
         )
     )

@@ -1,8 +1,8 @@
 """
 Run notebooks in place.
 
-``python -m project.notebooks run NAME...`` with names as ``03_sphere_tables``. A notebook whose results did not change stays the
-same byte for byte; one that fails stays as it was.
+``python -m project.notebooks run NAME...`` with names as ``03_sphere_tables``. A notebook whose
+results did not change stays the same byte for byte; one that fails stays as it was.
 """
 
 import argparse
@@ -32,7 +32,9 @@ METADATA = {
 
 
 class ThisPython(AsyncKernelManager):
-    """Starts kernels with the Python that runs this, whatever kernels the user has installed under the same name."""
+    """Starts kernels with the Python that runs this, whatever kernels the user has installed under
+    the same name.
+    """
 
     @property
     def kernel_spec(self):
@@ -78,7 +80,11 @@ class Progress(threading.Thread):
     def end_cell(self, cell, cell_index, execute_reply):
         """To be called when a code cell has run."""
         if not self.stream.isatty():
-            print(f"{self.line()}  {time.monotonic() - self.cell_begin:.1f} s", file=self.stream, flush=True)
+            print(
+                f"{self.line()}  {time.monotonic() - self.cell_begin:.1f} s",
+                file=self.stream,
+                flush=True,
+            )
 
     def __enter__(self):
         if self.stream.isatty():
@@ -92,7 +98,11 @@ class Progress(threading.Thread):
             self.stream.write("\r\033[K")
         outcome = f"failed in cell {self.cell} of" if any(error) else "done,"
         seconds = time.monotonic() - self.begin
-        print(f"{self.name_}  {outcome} {len(self.sections)} cells, {seconds:.1f} s", file=self.stream, flush=True)
+        print(
+            f"{self.name_}  {outcome} {len(self.sections)} cells, {seconds:.1f} s",
+            file=self.stream,
+            flush=True,
+        )
 
 
 def sections(notebook):
@@ -100,7 +110,10 @@ def sections(notebook):
     heading, found = "", []
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
-            heading = next((line.strip("# ") for line in cell.source.splitlines() if line.startswith("#")), heading)
+            heading = next(
+                (line.strip("# ") for line in cell.source.splitlines() if line.startswith("#")),
+                heading,
+            )
         elif cell.cell_type == "code" and cell.source.strip():
             found.append(heading)
     return found
@@ -108,9 +121,11 @@ def sections(notebook):
 
 def run(path, stream=sys.stdout):
     """
-    Execute the notebook at path from top to bottom, in its own folder, and write it back once every cell has succeeded.
+    Execute the notebook at path from top to bottom, in its own folder, and write it back once every
+    cell has succeeded.
 
-    Raises CellExecutionError, with the cell and its traceback, or DeadKernelError; the file is then untouched.
+    Raises CellExecutionError, with the cell and its traceback, or DeadKernelError; the file is then
+    untouched.
     """
     notebook = nbformat.read(path, as_version=4)
     with Progress(path.stem, notebook, stream) as progress:
@@ -118,7 +133,8 @@ def run(path, stream=sys.stdout):
             notebook,
             timeout=None,
             kernel_manager_class=ThisPython,
-            extra_arguments=["--log-level=ERROR"],  # else each kernel warns that it is not encrypted, on this very machine
+            # else each kernel warns that it is not encrypted, on this very machine
+            extra_arguments=["--log-level=ERROR"],
             resources={"metadata": {"path": str(path.parent)}},
             record_timing=False,  # times of day would make every run a change
             coalesce_streams=True,  # where printed text is cut into messages is chance
@@ -134,7 +150,9 @@ def run(path, stream=sys.stdout):
 
 def main(arguments=None):
     """Command line; the exit status is 1 at the first notebook that fails."""
-    parser = argparse.ArgumentParser(prog="python -m project.notebooks", description="Run notebooks in place.")
+    parser = argparse.ArgumentParser(
+        prog="python -m project.notebooks", description="Run notebooks in place."
+    )
     command = parser.add_subparsers(required=True).add_parser("run", help="execute and write back")
     command.add_argument("names", nargs="+", metavar="NAME", help="stem of a file in notebooks/")
     for name in parser.parse_args(arguments).names:
@@ -144,7 +162,8 @@ def main(arguments=None):
         try:
             run(paths.NOTEBOOKS / f"{name}.ipynb")
         except (CellExecutionError, DeadKernelError) as error:
-            text = str(error) if sys.stderr.isatty() else re.sub(r"\033\[[\d;]*m", "", str(error))  # colours only for a terminal
+            # colours only for a terminal
+            text = str(error) if sys.stderr.isatty() else re.sub(r"\033\[[\d;]*m", "", str(error))
             print(f"{name}: {text}", file=sys.stderr)
             return 1
     return 0

@@ -1,4 +1,6 @@
-"""The map of the README: where everything that the papers show is found here, and with what verdict."""
+"""The map of the README: where everything that the papers show is found here, and with what
+verdict.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ def _inside(frame: pd.DataFrame) -> str:
 
 def _ground_scan(frame: pd.DataFrame) -> str:
     """Return what a simulated ground scan has of the printed numbers."""
-    within = (frame["lower"] <= frame["printed"] + frame["half_unit"]) & (frame["printed"] - frame["half_unit"] <= frame["upper"])
+    within = (frame["lower"] <= frame["printed"] + frame["half_unit"]) & (
+        frame["printed"] - frame["half_unit"] <= frame["upper"]
+    )
     return f"{within.sum()} of {len(frame)} inside: the gains follow from where the scanner stands; σs has the right size"
 
 
@@ -39,41 +43,94 @@ def _joints(frame: pd.DataFrame) -> str:
 def _maxima(frame: pd.DataFrame) -> str:
     """Return how well the printed maxima, given to the simulated tunnel, are found again."""
     largest = frame.groupby("case")["largest_rms_mm"].max()
-    scans, singly, jointly = (largest[case] for case in ("noise alone", "stations registered singly", "joint adjustment"))
+    scans, singly, jointly = (
+        largest[case] for case in ("noise alone", "stations registered singly", "joint adjustment")
+    )
     return f"taken as truth: found again to {scans:.1f} mm; with stations registered singly to {singly:.1f}, jointly to {jointly:.1f} mm"
 
 
-# What the papers show -> where it is here. What a file says is counted (a function of its table); else the verdict is in words.
+# What the papers show -> where it is here. What a file says is counted (a function of its table);
+# else the verdict is in words.
 RESULTS = "data/results/"
 PAPER_TO_PROJECT = (
-    ("every number and claim of the three papers", "11_audit", f"{RESULTS}11_audit_verdicts.csv", _audited),
+    (
+        "every number and claim of the three papers",
+        "11_audit",
+        f"{RESULTS}11_audit_verdicts.csv",
+        _audited,
+    ),
     (
         "sphere: figure 1, the simulated points",
         "01_simulated_sphere",
         "data/simulated",
         "drawn again: the authors' points are not published",
     ),
-    ("sphere: equations (1) to (18)", "02_sphere_methods", "src/analysis/adjustment/igg3.py", "as printed; what each misprint changes is shown"),
-    ("sphere: table 1, without gross errors", "03_sphere_tables", f"{RESULTS}03_sphere_tables_table1.csv", counted),
-    ("sphere: table 2, with five gross errors", "03_sphere_tables", f"{RESULTS}03_sphere_tables_table2.csv", counted),
+    (
+        "sphere: equations (1) to (18)",
+        "02_sphere_methods",
+        "src/analysis/adjustment/igg3.py",
+        "as printed; what each misprint changes is shown",
+    ),
+    (
+        "sphere: table 1, without gross errors",
+        "03_sphere_tables",
+        f"{RESULTS}03_sphere_tables_table1.csv",
+        counted,
+    ),
+    (
+        "sphere: table 2, with five gross errors",
+        "03_sphere_tables",
+        f"{RESULTS}03_sphere_tables_table2.csv",
+        counted,
+    ),
     (
         "sphere: table 3, by simulated scans (its own are unpublished)",
         "04_real_spheres",
         f"{RESULTS}04_real_spheres_table3_cleaned.csv",
         counted,
     ),
-    ("plane: simulation, 83 %, 54 %, σs", "07_plane_simulation", f"{RESULTS}07_plane_simulation_five.csv", _inside),
-    ("plane: ground scan, 76 %, 63 %, 1.09 mm", "08_plane_scan", f"{RESULTS}08_plane_scan_printed.csv", _ground_scan),
-    ("plane: quasi-Newton algorithm", "08_plane_scan", f"{RESULTS}08_plane_scan_counts.csv", _iterations),
-    ("tunnel: registration within 2 mm", "09_tunnel_campaign", f"{RESULTS}09_tunnel_campaign_joints.csv", _joints),
+    (
+        "plane: simulation, 83 %, 54 %, σs",
+        "07_plane_simulation",
+        f"{RESULTS}07_plane_simulation_five.csv",
+        _inside,
+    ),
+    (
+        "plane: ground scan, 76 %, 63 %, 1.09 mm",
+        "08_plane_scan",
+        f"{RESULTS}08_plane_scan_printed.csv",
+        _ground_scan,
+    ),
+    (
+        "plane: quasi-Newton algorithm",
+        "08_plane_scan",
+        f"{RESULTS}08_plane_scan_counts.csv",
+        _iterations,
+    ),
+    (
+        "tunnel: registration within 2 mm",
+        "09_tunnel_campaign",
+        f"{RESULTS}09_tunnel_campaign_joints.csv",
+        _joints,
+    ),
     (
         "tunnel: figure 2, the axis",
         "09_tunnel_campaign",
         "figures/09_tunnel_campaign_axis.png",
         "parallel to the tunnel, but lifted by the track bed",
     ),
-    ("tunnel: figure 3, the filter", "09_tunnel_campaign", "figures/09_tunnel_campaign_filter.png", "drawn from the simulated campaign"),
-    ("tunnel: figure 6, both epochs", "09_tunnel_campaign", "figures/09_tunnel_campaign_epochs.png", "drawn from the simulated campaign"),
+    (
+        "tunnel: figure 3, the filter",
+        "09_tunnel_campaign",
+        "figures/09_tunnel_campaign_filter.png",
+        "drawn from the simulated campaign",
+    ),
+    (
+        "tunnel: figure 6, both epochs",
+        "09_tunnel_campaign",
+        "figures/09_tunnel_campaign_epochs.png",
+        "drawn from the simulated campaign",
+    ),
     (
         "tunnel: figure 4, a section projected",
         "10_tunnel_deformation",
@@ -92,7 +149,12 @@ PAPER_TO_PROJECT = (
         "figures/10_tunnel_deformation_classes.png",
         "drawn from the simulated campaign",
     ),
-    ("tunnel: table 1 and the largest deformations", "10_tunnel_deformation", f"{RESULTS}10_tunnel_deformation_recovery.csv", _maxima),
+    (
+        "tunnel: table 1 and the largest deformations",
+        "10_tunnel_deformation",
+        f"{RESULTS}10_tunnel_deformation_recovery.csv",
+        _maxima,
+    ),
     (
         "tunnel: table 2, by direction",
         "10_tunnel_deformation",

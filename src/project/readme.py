@@ -3,8 +3,9 @@ The generated sections of the README.
 
 ``python -m project.readme [--check | --show NAME]``
 
-A section stands between ``<!-- begin generated: NAME -->`` and ``<!-- end generated: NAME -->``; its text comes from the function of that
-name in `SECTIONS`, so no number in the README is typed by hand.
+A section stands between ``<!-- begin generated: NAME -->`` and ``<!-- end generated: NAME -->``;
+its text comes from the function of that name in `SECTIONS`, so no number in the README is typed by
+hand.
 """
 
 import argparse
@@ -23,7 +24,10 @@ README = paths.ROOT / "README.md"
 
 def comparisons():
     """The comparisons of tables 1 and 2 with the redraws, as notebook 03 wrote them."""
-    return [tables.read(paths.RESULTS / f"03_sphere_tables_table{table}.csv") for table in printed.TITLES]
+    return [
+        tables.read(paths.RESULTS / f"03_sphere_tables_table{table}.csv")
+        for table in printed.TITLES
+    ]
 
 
 def audited():
@@ -33,45 +37,70 @@ def audited():
 
 def scans():
     """The errors on the real scans by method, as notebook 04 wrote them."""
-    results = (tables.read(paths.RESULTS / f"04_real_spheres_{name}.csv") for name in ("whole_scans", "robust", "peers"))
+    results = (
+        tables.read(paths.RESULTS / f"04_real_spheres_{name}.csv")
+        for name in ("whole_scans", "robust", "peers")
+    )
     return tables.markdown(real_spheres.summary(*results), 2)
 
 
 SECTIONS = {
-    "headline": lambda: f"{verdicts.headline_markdown(audited())}\n\n{headline.markdown(comparisons())}",
+    "headline": lambda: (
+        f"{verdicts.headline_markdown(audited())}\n\n{headline.markdown(comparisons())}"
+    ),
     "outside": lambda: tables.markdown(causes.outside(comparisons()), 1),
     "map": paper_map.map_markdown,
     "scans": scans,
 }
 """Section name -> function without arguments that returns its Markdown."""
 
-TERMINAL = {"headline": lambda: f"{verdicts.headline_text(audited())}\n\n\n{headline.text(comparisons())}"}
-"""Sections that have a form of their own for the screen; `make reproduce` shows "headline" at the end."""
+TERMINAL = {
+    "headline": lambda: f"{verdicts.headline_text(audited())}\n\n\n{headline.text(comparisons())}"
+}
+"""Sections that have a form of their own for the screen; `make reproduce` shows "headline" at the
+end.
+"""
 
-PATTERN = re.compile(r"(<!-- begin generated: (?P<name>[\w-]+) -->\n).*?(<!-- end generated: (?P=name) -->)", re.DOTALL)
+PATTERN = re.compile(
+    r"(<!-- begin generated: (?P<name>[\w-]+) -->\n).*?(<!-- end generated: (?P=name) -->)",
+    re.DOTALL,
+)
 
 
 def generate(text, sections):
     """
     The text with every generated section renewed.
 
-    Raises ValueError when the text has a section, complete or not, without a function or a function has no section.
+    Raises ValueError when the text has a section, complete or not, without a function or a function
+    has no section.
     """
     begun = re.findall(r"<!-- begin generated: ([\w-]+) -->", text)
     complete = [match["name"] for match in PATTERN.finditer(text)]
     if sorted(begun) != sorted(complete):
-        raise ValueError(f"a generated section without its end line: begun {begun}, complete {complete}")
+        raise ValueError(
+            f"a generated section without its end line: begun {begun}, complete {complete}"
+        )
     if sorted(complete) != sorted(sections):
-        raise ValueError(f"generated sections of the text: {sorted(complete)}; with a function: {sorted(sections)}")
-    return PATTERN.sub(lambda match: f"{match[1]}\n{sections[match['name']]().strip()}\n\n{match[3]}", text)
+        raise ValueError(
+            f"generated sections of the text: {sorted(complete)}; with a function: {sorted(sections)}"
+        )
+    return PATTERN.sub(
+        lambda match: f"{match[1]}\n{sections[match['name']]().strip()}\n\n{match[3]}", text
+    )
 
 
 def main(arguments=None, readme=README, sections=SECTIONS):
     """Command line; with --check the exit status is 1 when a section is stale."""
-    parser = argparse.ArgumentParser(prog="python -m project.readme", description="Renew the generated sections of README.md.")
+    parser = argparse.ArgumentParser(
+        prog="python -m project.readme", description="Renew the generated sections of README.md."
+    )
     choice = parser.add_mutually_exclusive_group()
-    choice.add_argument("--check", action="store_true", help="only tell whether they are up to date")
-    choice.add_argument("--show", metavar="NAME", choices=sorted(sections), help="print one section instead")
+    choice.add_argument(
+        "--check", action="store_true", help="only tell whether they are up to date"
+    )
+    choice.add_argument(
+        "--show", metavar="NAME", choices=sorted(sections), help="print one section instead"
+    )
     options = parser.parse_args(arguments)
     if options.show:
         print(TERMINAL.get(options.show, sections[options.show])())

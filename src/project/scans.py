@@ -3,8 +3,8 @@ The real scans of sphere targets: fetched on demand, checked by hash, never comm
 
 ``python -m project.scans [--needed] [--from FOLDER]``
 
-Source: National Institute of Standards and Technology, repository usnistgov/DMG_SphereFitting, at one commit; not subject to copyright
-in the United States.
+Source: National Institute of Standards and Technology, repository usnistgov/DMG_SphereFitting, at
+one commit; not subject to copyright in the United States.
 """
 
 import argparse
@@ -68,7 +68,9 @@ def store(name, content, folder):
     """
     found = hashlib.sha256(content).hexdigest()
     if found != SHA256[name]:
-        raise ScanError(f"{name} is not the expected file and was not kept: expected SHA-256 {SHA256[name]}, found {found}")
+        raise ScanError(
+            f"{name} is not the expected file and was not kept: expected SHA-256 {SHA256[name]}, found {found}"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     with files.replacing(folder / name) as part:
         part.write_bytes(content)
@@ -80,21 +82,34 @@ def download(name, base_url=BASE_URL):
         with urllib.request.urlopen(base_url + name, timeout=TIMEOUT) as response:
             return response.read()
     except (urllib.error.URLError, OSError) as error:
-        raise ScanError(f"{name} could not be downloaded: {getattr(error, 'reason', error)}") from error
+        raise ScanError(
+            f"{name} could not be downloaded: {getattr(error, 'reason', error)}"
+        ) from error
 
 
 def fetch(names=tuple(SHA256), folder=paths.SCANS, base_url=BASE_URL):
-    """Download the named scans into folder, leaving alone those already there; stops with a ScanError at the first that fails."""
+    """Download the named scans into folder, leaving alone those already there; stops with a
+    ScanError at the first that fails.
+    """
     absent = [name for name in names if not (folder / name).is_file()]
-    print(f"{len(names) - len(absent)} of {len(names)} scans are there" + (f"; downloading from {base_url}" if absent else ""), flush=True)
+    print(
+        f"{len(names) - len(absent)} of {len(names)} scans are there"
+        + (f"; downloading from {base_url}" if absent else ""),
+        flush=True,
+    )
     for number, name in enumerate(absent, start=1):
         content = download(name, base_url)
         store(name, content, folder)
-        print(f"{name} ({number} of {len(absent)}): {len(content) / 1000:.0f} kB, SHA-256 as expected", flush=True)
+        print(
+            f"{name} ({number} of {len(absent)}): {len(content) / 1000:.0f} kB, SHA-256 as expected",
+            flush=True,
+        )
 
 
 def copy(source, names=tuple(SHA256), folder=paths.SCANS):
-    """Take the named scans that are in the source folder, and say which are not; a ScanError when there is none at all."""
+    """Take the named scans that are in the source folder, and say which are not; a ScanError when
+    there is none at all.
+    """
     present = [name for name in names if (source / name).is_file()]
     if not present:
         raise ScanError(f"{source} holds none of {', '.join(names)}")
@@ -107,9 +122,21 @@ def copy(source, names=tuple(SHA256), folder=paths.SCANS):
 
 def main(arguments=None):
     """Command line; the exit status is 1 when a scan could not be had."""
-    parser = argparse.ArgumentParser(prog="python -m project.scans", description="Fetch the real scans into data/scans.")
-    parser.add_argument("--needed", action="store_true", help=f"only the {len(NOTEBOOK_SCANS)} that a notebook reads, of {len(SHA256)}")
-    parser.add_argument("--from", dest="source", type=Path, metavar="FOLDER", help="take those in this folder instead of downloading")
+    parser = argparse.ArgumentParser(
+        prog="python -m project.scans", description="Fetch the real scans into data/scans."
+    )
+    parser.add_argument(
+        "--needed",
+        action="store_true",
+        help=f"only the {len(NOTEBOOK_SCANS)} that a notebook reads, of {len(SHA256)}",
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        type=Path,
+        metavar="FOLDER",
+        help="take those in this folder instead of downloading",
+    )
     options = parser.parse_args(arguments)
     names = NOTEBOOK_SCANS if options.needed else tuple(SHA256)
     try:

@@ -1,7 +1,9 @@
 """
-The notebooks as a static site: one page each, and an index with the title and first paragraph of each.
+The notebooks as a static site: one page each, and an index with the title and first paragraph of
+each.
 
-``python -m project.site`` writes build/site; images are inside the pages, formulas are drawn by MathJax from the network.
+``python -m project.site`` writes build/site; images are inside the pages, formulas are drawn by
+MathJax from the network.
 """
 
 import html
@@ -22,8 +24,8 @@ INDEX = """<!DOCTYPE html>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title}</title>
-<style>body {{ font: 1rem/1.5 sans-serif; max-width: 45rem; margin: 2rem auto; padding: 0 1rem }}</style>
-</head>
+<style>body {{ font: 1rem/1.5 sans-serif; max-width: 45rem; margin: 2rem auto; padding: 0 1rem
+}}</style> </head>
 <body>
 <h1>{title}</h1>
 {entries}
@@ -33,10 +35,14 @@ INDEX = """<!DOCTYPE html>
 
 
 def head(notebook):
-    """Title and first paragraph of a notebook, both Markdown: its first heading, and the first block of text after that."""
+    """Title and first paragraph of a notebook, both Markdown: its first heading, and the first
+    block of text after that.
+    """
     text = "\n\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
     blocks = [block.strip() for block in re.split(r"\n\s*\n", text) if block.strip()]
-    title = next((block.splitlines()[0].strip("# ") for block in blocks if block.startswith("#")), "")
+    title = next(
+        (block.splitlines()[0].strip("# ") for block in blocks if block.startswith("#")), ""
+    )
     paragraph = next((block for block in blocks if not block.startswith("#")), "")
     return title, paragraph
 
@@ -58,9 +64,13 @@ def build(notebooks=paths.NOTEBOOKS, site=SITE, title="Laser-scan surface fits")
     for path in sorted(notebooks.glob("*.ipynb")):
         name, paragraph = head(nbformat.read(path, as_version=4))
         (site / f"{path.stem}.html").write_text(page(path), encoding="utf-8")
-        entries.append(f'<h2><a href="{path.stem}.html">{html.escape(name or path.stem)}</a></h2>\n{markdown2html(paragraph)}')
+        entries.append(
+            f'<h2><a href="{path.stem}.html">{html.escape(name or path.stem)}</a></h2>\n{markdown2html(paragraph)}'
+        )
     index = site / "index.html"
-    index.write_text(INDEX.format(title=html.escape(title), entries="\n".join(entries)), encoding="utf-8")
+    index.write_text(
+        INDEX.format(title=html.escape(title), entries="\n".join(entries)), encoding="utf-8"
+    )
     return index
 
 

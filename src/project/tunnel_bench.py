@@ -1,9 +1,11 @@
 """
-Time and memory of the comparison of two epochs of a tunnel, from the scans of the stations to the table of the sections, by the points.
+Time and memory of the comparison of two epochs of a tunnel, from the scans of the stations to the
+table of the sections, by the points.
 
-``python -m project.tunnel_bench [--largest 4.5]``; up to the 45 million points of Li et al. (2015) it takes about six
-minutes on two cores, of which the simulation of the scans, which is not measured, takes half. Numbers are of this machine at this
-moment: table and figure go to build/bench and are not committed.
+``python -m project.tunnel_bench [--largest 4.5]``; up to the 45 million points of Li et al. (2015)
+it takes about six minutes on two cores, of which the simulation of the scans, which is not
+measured, takes half. Numbers are of this machine at this moment: table and figure go to build/bench
+and are not committed.
 """
 
 import argparse
@@ -33,7 +35,8 @@ from .bench import report, stated
 SIZES = (0.45, 1.4, 4.5, 14.0, 45.0)  # million beams of a campaign
 RUN = "tunnel, from the stations to the table"
 SECONDS, GIGABYTES = 600.0, 8.0
-LARGER = tuple(f"{size:g} million" for size in SIZES[-2:])  # smaller ones take the time of the robust starts, which does not grow
+# smaller ones take the time of the robust starts, which does not grow
+LARGER = tuple(f"{size:g} million" for size in SIZES[-2:])
 LIMITS = pd.DataFrame(
     [
         (RUN, "wall, s", "at most", SECONDS, None),
@@ -43,7 +46,14 @@ LIMITS = pd.DataFrame(
     ],
     columns=["run", "quantity", "rule", "limit", "methods"],
 )
-DECIMALS = {"wall, s": 1, "CPU, s": 1, "peak, GB": 2, "simulated, s": 0, "exponent of time": 2, "exponent of memory": 2}
+DECIMALS = {
+    "wall, s": 1,
+    "CPU, s": 1,
+    "peak, GB": 2,
+    "simulated, s": 0,
+    "exponent of time": 2,
+    "exponent of memory": 2,
+}
 FOLDER = paths.ROOT / "build" / "bench"
 MAXRSS = 1 if sys.platform == "darwin" else 1024  # bytes; the unit of ru_maxrss
 
@@ -56,22 +66,35 @@ def scan(file, tunnel, setup, density):
 def scan_all(folder, beams):
     """A campaign of so many beams into a folder, a file a station, on all cores."""
     tunnel = default_tunnel()
-    setups = {name: setup for epoch in survey(tunnel) for name, setup in zip(station_names(epoch), epoch.stations, strict=True)}
+    setups = {
+        name: setup
+        for epoch in survey(tunnel)
+        for name, setup in zip(station_names(epoch), epoch.stations, strict=True)
+    }
     density = beams / len(setups)
-    with joblib.parallel_config("loky", n_jobs=min(joblib.cpu_count(), len(setups)), inner_max_num_threads=1):
+    with joblib.parallel_config(
+        "loky", n_jobs=min(joblib.cpu_count(), len(setups)), inner_max_num_threads=1
+    ):
         scans = joblib.Parallel(return_as="generator_unordered")(
-            joblib.delayed(scan)(folder / f"{name}.npy", tunnel, setup, density) for name, setup in setups.items()
+            joblib.delayed(scan)(folder / f"{name}.npy", tunnel, setup, density)
+            for name, setup in setups.items()
         )
-        for _ in tqdm(scans, f"scanning {beams:.3g} points", total=len(setups), leave=False, disable=None):
+        for _ in tqdm(
+            scans, f"scanning {beams:.3g} points", total=len(setups), leave=False, disable=None
+        ):
             pass
 
 
 def joined(epoch, folder):
-    """All points (n, 3) of an epoch in one system, its stations registered by their targets; one scan at a time is held beside them."""
+    """All points (n, 3) of an epoch in one system, its stations registered by their targets; one
+    scan at a time is held beside them.
+    """
     stations = register(epoch)
     counts = [len(np.load(folder / f"{name}.npy", mmap_mode="r")) for name in stations]
     points = np.empty((sum(counts), 3))
-    for part, (name, station) in zip(np.split(points, np.cumsum(counts)[:-1]), stations.items(), strict=True):
+    for part, (name, station) in zip(
+        np.split(points, np.cumsum(counts)[:-1]), stations.items(), strict=True
+    ):
         scanned = np.load(folder / f"{name}.npy")
         for piece in pieces(len(scanned)):
             part[piece] = station.similarity.transform(scanned[piece])
@@ -79,7 +102,9 @@ def joined(epoch, folder):
 
 
 def measured(folder):
-    """From the stations in a folder to the table: points, sections with a change, time, and the largest memory of the whole process."""
+    """From the stations in a folder to the table: points, sections with a change, time, and the
+    largest memory of the whole process.
+    """
     epochs = survey(default_tunnel())  # for their targets
     wall, cpu = time.perf_counter(), time.process_time()
     clouds = [joined(epoch, folder) for epoch in epochs]
@@ -101,22 +126,28 @@ def peak():
 def fresh(function, *arguments):
     """What the function returns in a process of its own.
 
-    A child takes over the largest memory of the process that starts it, even if it runs another program. The small server that
-    starts this one keeps it from that.
+    A child takes over the largest memory of the process that starts it, even if it runs another
+    program. The small server that starts this one keeps it from that.
     """
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("forkserver")) as pool:
         return pool.submit(function, *arguments).result()
 
 
 def growing(sizes):
-    """A line a campaign of so many million beams; the exponents of CPU time and memory against the points are from each to the next."""
+    """A line a campaign of so many million beams; the exponents of CPU time and memory against the
+    points are from each to the next.
+    """
     rows = []
     for size in sizes:
         with tempfile.TemporaryDirectory() as folder:
             began = time.perf_counter()
             scan_all(Path(folder), 1e6 * size)
             simulated = time.perf_counter() - began
-            rows.append({"campaign": f"{size:g} million"} | fresh(measured, Path(folder)) | {"simulated, s": simulated})
+            rows.append(
+                {"campaign": f"{size:g} million"}
+                | fresh(measured, Path(folder))
+                | {"simulated, s": simulated}
+            )
     table = pd.DataFrame(rows)
     for name, of in (("time", "CPU, s"), ("memory", "peak, GB")):
         table[f"exponent of {name}"] = np.log(table[of]).diff() / np.log(table["points"]).diff()
@@ -125,8 +156,16 @@ def growing(sizes):
 
 def main(arguments=None):
     """Command line."""
-    parser = argparse.ArgumentParser(description="Time and memory of the comparison of two epochs of a tunnel, by the number of points.")
-    parser.add_argument("--largest", type=float, choices=SIZES, default=SIZES[-1], help="million points (default: %(default)g)")
+    parser = argparse.ArgumentParser(
+        description="Time and memory of the comparison of two epochs of a tunnel, by the number of points."
+    )
+    parser.add_argument(
+        "--largest",
+        type=float,
+        choices=SIZES,
+        default=SIZES[-1],
+        help="million points (default: %(default)g)",
+    )
     largest = parser.parse_args(arguments).largest
     print(stated(LIMITS))
     table = growing([size for size in SIZES if size <= largest])

@@ -11,19 +11,39 @@ BLUE = "#0072B2"
 GB_A_MILLION = 0.024  # three coordinates in double precision
 
 
-def growth(table: pd.DataFrame, stem: str, *, seconds: float, gigabytes: float, publish: Publish) -> None:
-    """Time and largest memory against the points, with their limits; table from ``project.tunnel_bench.growing``."""
+def growth(
+    table: pd.DataFrame, stem: str, *, seconds: float, gigabytes: float, publish: Publish
+) -> None:
+    """Time and largest memory against the points, with their limits; table from
+    ``project.tunnel_bench.growing``.
+    """
     figure, (left, right) = new(1, 2, height=3.2)
     millions = 1e-6 * table["points"].to_numpy()
     ends = millions[[0, -1]]
     left.plot(millions, table["wall, s"], "o-", color=BLUE, label="elapsed")
     left.plot(millions, table["CPU, s"], "s--", color=GROSS, label="of the processor")
-    left.plot(ends, table["CPU, s"].iloc[-1] * ends / ends[1], ":", color=GREY, label="in proportion to the points")
+    left.plot(
+        ends,
+        table["CPU, s"].iloc[-1] * ends / ends[1],
+        ":",
+        color=GREY,
+        label="in proportion to the points",
+    )
     right.plot(millions, table["peak, GB"], "o-", color=BLUE, label="largest of the whole process")
     right.plot(ends, GB_A_MILLION * ends, ":", color=GREY, label="coordinates alone")
-    for ax, limit, quantity, unit in ((left, seconds, "time", "s"), (right, gigabytes, "memory", "GB")):
+    for ax, limit, quantity, unit in (
+        (left, seconds, "time", "s"),
+        (right, gigabytes, "memory", "GB"),
+    ):
         ax.axhline(limit, color=TRUTH, linewidth=1.0)
-        ax.annotate(f"limit: {limit:g} {unit}", (0.02, limit), (0, -4), ("axes fraction", "data"), "offset points", va="top")
+        ax.annotate(
+            f"limit: {limit:g} {unit}",
+            (0.02, limit),
+            (0, -4),
+            ("axes fraction", "data"),
+            "offset points",
+            va="top",
+        )
         ax.set_xscale("log")
         ax.set_yscale("log")
         ax.set_ylim(top=1.5 * limit)

@@ -20,7 +20,8 @@ from analysis.methods import SPHERE_METHODS, fit_sphere
 from analysis.result import ConvergenceWarning
 from analysis.surfaces.sphere import SphereFit
 
-# Clouds a task: enough to pay for sending them to a worker, few enough that no worker is left alone with the last ones.
+# Clouds a task: enough to pay for sending them to a worker, few enough that no worker is left alone
+# with the last ones.
 CHUNK = 250
 
 # label -> keyword arguments of fit_sphere
@@ -35,14 +36,16 @@ def sphere_study(
     workers: int | None = None,
     chunk: int = CHUNK,
 ) -> dict[str, pd.DataFrame]:
-    """Fit a sphere to every cloud of a stack by every variant and say how far each is from the truth.
+    """Fit a sphere to every cloud of a stack by every variant and say how far each is from the
+    truth.
 
     Parameters
     ----------
     points : (B, n, 3) clouds, m.
     truth : true (a, b, c, r), m.
-    variants : label -> keyword arguments of `fit_sphere`, ``{"squared": {"method": "igg3_wtls", "power": 2}}``.
-        Every method with its defaults, unless given.
+    variants : label -> keyword arguments of `fit_sphere`,
+        ``{"squared": {"method": "igg3_wtls", "power": 2}}``. Every method with its defaults, unless
+        given.
     workers : processes that share the work; as many as there are cores, unless given.
     chunk : clouds sent to a worker at a time.
 
@@ -51,14 +54,17 @@ def sphere_study(
     label -> frame with one row a cloud, in order:
 
     - ``delta_a_m`` … ``delta_r_m`` estimate less truth; NaN where there is no real sphere
-    - ``sigma_0`` in the unit of the method, ``sigma_s_m`` over all points, ``sigma_s_inliers_m`` over those in use
+    - ``sigma_0`` in the unit of the method, ``sigma_s_m`` over all points, ``sigma_s_inliers_m``
+      over those in use
     - ``rejected`` points of weight 0, ``converged``, ``iterations``
 
-    Distances and weights are not kept. Fits that did not converge are told by ``converged``, not by warnings.
+    Distances and weights are not kept. Fits that did not converge are told by ``converged``, not by
+    warnings.
 
     Raises
     ------
-    ValueError : `points` is not a stack of clouds, `truth` is not four numbers, or what `fit_sphere` refuses.
+    ValueError : `points` is not a stack of clouds, `truth` is not four numbers, or what
+        `fit_sphere` refuses.
 
     Example
     -------
@@ -74,19 +80,29 @@ def sphere_study(
     if truth.shape != (4,):
         raise ValueError(f"truth: expected (a, b, c, r), got shape {truth.shape}")
     tasks = pieces(len(points), int(positive(chunk, "chunk")))
-    workers = min(len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers")))
+    workers = min(
+        len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers"))
+    )
     # One BLAS thread a worker: the matrices are tiny, and the cores are busy with other clouds.
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         # max_nbytes: send the points through the pipe rather than leave them in temporary files.
         parallel = joblib.Parallel(return_as="generator", max_nbytes=None)
-        done = parallel(joblib.delayed(_fit_chunk)(points[task], truth, dict(variants)) for task in tasks)
+        done = parallel(
+            joblib.delayed(_fit_chunk)(points[task], truth, dict(variants)) for task in tasks
+        )
         # disable=None: silent where nobody watches, that is, when stderr is no terminal.
-        parts = list(tqdm(done, total=len(tasks), desc="redraws", unit="chunk", disable=None, leave=False))
-    return {label: pd.concat([part[label] for part in parts], ignore_index=True) for label in variants}
+        parts = list(
+            tqdm(done, total=len(tasks), desc="redraws", unit="chunk", disable=None, leave=False)
+        )
+    return {
+        label: pd.concat([part[label] for part in parts], ignore_index=True) for label in variants
+    }
 
 
 def printed_quantities(study: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str], np.ndarray]:
-    """(label, quantity) -> (B,) values of what tables 1 and 2 of Ou & Liu (2017) print: errors without sign, σ0, σs."""
+    """(label, quantity) -> (B,) values of what tables 1 and 2 of Ou & Liu (2017) print: errors
+    without sign, σ0, σs.
+    """
     found = {}
     for label, trials in study.items():
         for name in SphereFit.NAMES:
@@ -97,21 +113,32 @@ def printed_quantities(study: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str
 
 
 def spread(study: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Standard deviations of a, b, c, r over the redraws in mm, one row a variant, and how the fits fared.
+    """Standard deviations of a, b, c, r over the redraws in mm, one row a variant, and how the fits
+    fared.
 
-    Columns: variant; ``sd_a_mm`` … ``sd_r_mm``; ``mean_c_mm`` and ``mean_r_mm``, the mean errors; ``rejected``, the mean number
-    of points of weight 0; ``converged_percent``.
+    Columns: variant; ``sd_a_mm`` … ``sd_r_mm``; ``mean_c_mm`` and ``mean_r_mm``, the mean errors;
+    ``rejected``, the mean number of points of weight 0; ``converged_percent``.
     """
     rows = []
     for label, trials in study.items():
         errors = 1e3 * trials[[f"delta_{name}_m" for name in SphereFit.NAMES]]
-        row = {"variant": label} | {f"sd_{name}_mm": errors[f"delta_{name}_m"].std() for name in SphereFit.NAMES}
+        row = {"variant": label} | {
+            f"sd_{name}_mm": errors[f"delta_{name}_m"].std() for name in SphereFit.NAMES
+        }
         row |= {f"mean_{name}_mm": errors[f"delta_{name}_m"].mean() for name in "cr"}
-        rows.append(row | {"rejected": trials["rejected"].mean(), "converged_percent": 100 * trials["converged"].mean()})
+        rows.append(
+            row
+            | {
+                "rejected": trials["rejected"].mean(),
+                "converged_percent": 100 * trials["converged"].mean(),
+            }
+        )
     return pd.DataFrame(rows)
 
 
-def _fit_chunk(points: np.ndarray, truth: np.ndarray, variants: dict[str, Mapping]) -> dict[str, pd.DataFrame]:
+def _fit_chunk(
+    points: np.ndarray, truth: np.ndarray, variants: dict[str, Mapping]
+) -> dict[str, pd.DataFrame]:
     """The frames of one chunk of clouds."""
     frames = {}
     with warnings.catch_warnings():

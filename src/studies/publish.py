@@ -1,4 +1,6 @@
-"""What a notebook publishes: tables into ``data/results``, figures into ``figures`` with the table of what they show."""
+"""What a notebook publishes: tables into ``data/results``, figures into ``figures`` with the table
+of what they show.
+"""
 
 from __future__ import annotations
 
@@ -44,5 +46,3 @@ def publish(figure, stem: str, data: pd.DataFrame) -> None:
     """
     figures.save(figure, {kind: output(FIGURES / f"{stem}.{kind}") for kind in figures.UNDATED})
     write(data, RESULTS / f"{stem}.csv")
-
-

@@ -14,7 +14,11 @@ from .printed import METHODS, SYMBOLS, PrintedNumber, registry
 from .printed.judgement import VERDICTS, Evaluator, Results
 from .wu_chen_wang import verdicts as plane_numbers
 
-TITLES = {"ou_liu_2017": "Ou & Liu (2017)", "wu_chen_wang": "Wu, Chen & Wang", "li_2015": "Li and others (2015)"}
+TITLES = {
+    "ou_liu_2017": "Ou & Liu (2017)",
+    "wu_chen_wang": "Wu, Chen & Wang",
+    "li_2015": "Li and others (2015)",
+}
 LABELS = {name: label for label, name in METHODS.items()}
 
 
@@ -24,11 +28,13 @@ def evaluators() -> dict[str, Evaluator]:
 
 
 def verdicts(results: Results | None = None) -> pd.DataFrame:
-    """Every printed number and claim of the three papers with its verdict, one row each, from what the notebooks wrote.
+    """Every printed number and claim of the three papers with its verdict, one row each, from what
+    the notebooks wrote.
 
-    Columns: ``id``, ``paper``, ``place``, ``quantity``, ``unit``, ``printed`` (text); ``median``, ``lower``, ``upper`` and
-    ``percentile`` of the redraws; ``verdict``, ``why``, ``notebook``; ``setting``, whether it says how the experiment was made; ``check``
-    and ``factor`` of what proves it impossible.
+    Columns: ``id``, ``paper``, ``place``, ``quantity``, ``unit``, ``printed`` (text); ``median``,
+    ``lower``, ``upper`` and ``percentile`` of the redraws; ``verdict``, ``why``, ``notebook``;
+    ``setting``, whether it says how the experiment was made; ``check`` and ``factor`` of what
+    proves it impossible.
 
     Raises
     ------
@@ -45,12 +51,30 @@ def verdicts(results: Results | None = None) -> pd.DataFrame:
     for name, number in registry().items():
         judgement = known[name](number, results)
         place, quantity = _place(number)
-        one = {"id": name, "paper": number.paper, "place": place, "quantity": quantity, "unit": number.unit, "printed": number.text}
+        one = {
+            "id": name,
+            "paper": number.paper,
+            "place": place,
+            "quantity": quantity,
+            "unit": number.unit,
+            "printed": number.text,
+        }
         rows.append(one | {name: getattr(judgement, name) for name in COLUMNS})
     return pd.DataFrame(rows)
 
 
-COLUMNS = ("median", "lower", "upper", "percentile", "verdict", "why", "notebook", "setting", "check", "factor")
+COLUMNS = (
+    "median",
+    "lower",
+    "upper",
+    "percentile",
+    "verdict",
+    "why",
+    "notebook",
+    "setting",
+    "check",
+    "factor",
+)
 
 
 def _place(number) -> tuple[str, str]:
@@ -73,7 +97,10 @@ def counts(frame: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for paper, title in [*TITLES.items(), ("", "all")]:
         mine = frame[frame["paper"] == paper] if paper else frame
-        rows.append({"paper": title, "numbers": len(mine)} | {word: int((mine["verdict"] == word).sum()) for word in VERDICTS})
+        rows.append(
+            {"paper": title, "numbers": len(mine)}
+            | {word: int((mine["verdict"] == word).sum()) for word in VERDICTS}
+        )
     return pd.DataFrame(rows)
 
 
@@ -86,7 +113,9 @@ def headline(frame: pd.DataFrame) -> str:
 
 
 def headline_text(frame: pd.DataFrame) -> str:
-    """The counts for the terminal, at most 110 columns wide: two sentences, and a line a verdict with a column a paper."""
+    """The counts for the terminal, at most 110 columns wide: two sentences, and a line a verdict
+    with a column a paper.
+    """
     return f"{textwrap.fill(headline(frame), 110)}\n\n{tables.text(_by_verdict(frame), 0)}"
 
 
@@ -97,4 +126,10 @@ def headline_markdown(frame: pd.DataFrame) -> str:
 
 def _by_verdict(frame: pd.DataFrame) -> pd.DataFrame:
     """`counts`, turned: narrow enough for a terminal."""
-    return counts(frame).set_index("paper").T.rename_axis("verdict", axis=0).rename_axis(None, axis=1).reset_index()
+    return (
+        counts(frame)
+        .set_index("paper")
+        .T.rename_axis("verdict", axis=0)
+        .rename_axis(None, axis=1)
+        .reset_index()
+    )

@@ -7,7 +7,9 @@ from analysis.blocks import BLOCK, pieces
 from analysis.checks import finite_array, one_of, point_array, positive, real_array, weight_array
 
 
-@pytest.mark.parametrize(("count", "size"), [(0, 3), (1, 3), (3, 3), (7, 3), (9, 3), (BLOCK + 1, BLOCK)])
+@pytest.mark.parametrize(
+    ("count", "size"), [(0, 3), (1, 3), (3, 3), (7, 3), (9, 3), (BLOCK + 1, BLOCK)]
+)
 def test_pieces_cover_everything_once(count, size):
     found = pieces(count, size)
     assert [i for piece in found for i in range(count)[piece]] == list(range(count))
@@ -20,14 +22,36 @@ def test_float64_is_not_copied():
     assert np.shares_memory(finite_array(array[::2], "x"), array)
 
 
-@pytest.mark.parametrize("values", [[1, 2], (1.0, 2.0), np.float32([1, 2]), np.uint8([1, 2]), np.array([1, 2], dtype=object), range(1, 3)])
+@pytest.mark.parametrize(
+    "values",
+    [
+        [1, 2],
+        (1.0, 2.0),
+        np.float32([1, 2]),
+        np.uint8([1, 2]),
+        np.array([1, 2], dtype=object),
+        range(1, 3),
+    ],
+)
 def test_real_numbers_become_float64(values):
     array = real_array(values, "x")
     assert array.dtype == np.float64
     np.testing.assert_array_equal(array, [1, 2])
 
 
-@pytest.mark.parametrize("values", ["12", ["1", "2"], [1j], np.array([True]), [[1], [1, 2]], [{}], np.array(["2020"], "M8[Y]"), b"12"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        "12",
+        ["1", "2"],
+        [1j],
+        np.array([True]),
+        [[1], [1, 2]],
+        [{}],
+        np.array(["2020"], "M8[Y]"),
+        b"12",
+    ],
+)
 def test_what_is_no_real_number_is_refused(values):
     with pytest.raises(ValueError, match="^x: expected an array of real numbers, got "):
         real_array(values, "x")
@@ -43,7 +67,9 @@ def test_every_place_is_looked_at(bad):
     """Also behind the first block."""
     array = np.zeros((3, BLOCK))
     array[1, 5] = array[2, -1] = bad
-    with pytest.raises(ValueError, match=f"^x: expected finite numbers, got 2 NaN or infinite of {3 * BLOCK}$"):
+    with pytest.raises(
+        ValueError, match=f"^x: expected finite numbers, got 2 NaN or infinite of {3 * BLOCK}$"
+    ):
         finite_array(array, "x")
 
 
@@ -53,8 +79,14 @@ def test_points():
     for bad, message in [
         (np.zeros(3), r"points: expected shape \(…, n, 3\), got \(3,\)"),
         (np.zeros((5, 2)), r"points: expected shape \(…, n, 3\), got \(5, 2\)"),
-        (np.zeros((2, 3, 3)), r"points: expected at least 4 points for a sphere, got 3 \(shape \(2, 3, 3\)\)"),
-        (np.zeros((0, 5, 3)), r"points: expected at least one cloud, got an empty stack of shape \(0, 5, 3\)"),
+        (
+            np.zeros((2, 3, 3)),
+            r"points: expected at least 4 points for a sphere, got 3 \(shape \(2, 3, 3\)\)",
+        ),
+        (
+            np.zeros((0, 5, 3)),
+            r"points: expected at least one cloud, got an empty stack of shape \(0, 5, 3\)",
+        ),
         (np.full((5, 3), np.nan), "points: expected finite numbers, got 15 NaN or infinite of 15"),
     ]:
         with pytest.raises(ValueError, match=message):

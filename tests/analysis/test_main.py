@@ -20,7 +20,9 @@ def scan(tmp_path):
     directions = rng.standard_normal((300, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     path = tmp_path / "scan.xyz"
-    np.savetxt(path, CENTER + RADIUS * directions + 1e-3 * rng.standard_normal((300, 3)), fmt="%.5f")
+    np.savetxt(
+        path, CENTER + RADIUS * directions + 1e-3 * rng.standard_normal((300, 3)), fmt="%.5f"
+    )
     return str(path)
 
 
@@ -42,7 +44,15 @@ def test_text(method, scan, capsys):
     lines = printed.out.splitlines()
     assert lines[0] == scan and SPHERE_METHODS[method].label in lines[1]
     sd = 1e3 * fit.standard_deviations
-    assert lines[3].split() == ["centre", "x", f"{fit.center[0]:.5f}", "m", "±", f"{sd[0]:.3f}", "mm"]
+    assert lines[3].split() == [
+        "centre",
+        "x",
+        f"{fit.center[0]:.5f}",
+        "m",
+        "±",
+        f"{sd[0]:.3f}",
+        "mm",
+    ]
     assert lines[6].split() == ["radius", f"{fit.radius:.5f}", "m", "±", f"{sd[3]:.3f}", "mm"]
     assert f"{1e3 * fit.sigma_s:.3f} mm  RMS distance of all points" in printed.out
     assert f"{np.count_nonzero(fit.inliers)} of 300  in use" in printed.out
@@ -60,10 +70,15 @@ def test_json(scan, capsys):
     assert main(["fit", "sphere", scan, "--method", "igg3_wtls", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     fit = fit_sphere(read_points(scan), "igg3_wtls")
-    assert found["center"] == fit.center.tolist() and found["radius"] == fit.radius  # to the last bit
+    # to the last bit
+    assert found["center"] == fit.center.tolist() and found["radius"] == fit.radius
     assert found["standard_deviations"] == fit.standard_deviations.tolist()
     assert found["covariance"] == fit.covariance.tolist()
-    assert (found["method"], found["points"], found["inliers"]) == ("igg3_wtls", 300, np.count_nonzero(fit.inliers))
+    assert (found["method"], found["points"], found["inliers"]) == (
+        "igg3_wtls",
+        300,
+        np.count_nonzero(fit.inliers),
+    )
     assert (found["converged"], found["stop_reason"]) == (True, fit.stop_reason)
 
 
@@ -87,11 +102,19 @@ def test_a_result_that_did_not_converge_is_printed_with_status_1(scan, monkeypat
     def stopped_early(points, method):
         return fit_sphere(points, method, max_iterations=2)
 
-    monkeypatch.setitem(SURFACES, "sphere", type(surface)(stopped_early, surface.methods, surface.quantities, surface.described))
+    monkeypatch.setitem(
+        SURFACES,
+        "sphere",
+        type(surface)(stopped_early, surface.methods, surface.quantities, surface.described),
+    )
     monkeypatch.setattr(type(surface), "default", "igg3_wtls")
     assert main(["fit", "sphere", scan]) == 1
     printed = capsys.readouterr()
-    assert "centre x" in printed.out and "not converged: " in printed.out.splitlines()[-1] and printed.err == ""
+    assert (
+        "centre x" in printed.out
+        and "not converged: " in printed.out.splitlines()[-1]
+        and printed.err == ""
+    )
     assert main(["fit", "sphere", scan, "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["converged"] is False
     with pytest.warns(ConvergenceWarning):
@@ -100,17 +123,23 @@ def test_a_result_that_did_not_converge_is_printed_with_status_1(scan, monkeypat
 
 def test_bad_files(tmp_path, capsys):
     missing = str(tmp_path / "no.xyz")
-    assert fail(capsys, "fit", "sphere", missing) == f"analysis: {missing}: No such file or directory"
+    assert (
+        fail(capsys, "fit", "sphere", missing) == f"analysis: {missing}: No such file or directory"
+    )
     text = tmp_path / "bad.xyz"
     text.write_text("0 0 0\n1 one 0\n")
-    assert fail(capsys, "fit", "sphere", str(text)).startswith(f"analysis: {text}: line 2: expected finite numbers x, y, z")
+    assert fail(capsys, "fit", "sphere", str(text)).startswith(
+        f"analysis: {text}: line 2: expected finite numbers x, y, z"
+    )
     assert "expected a file ending in" in fail(capsys, "fit", "sphere", str(tmp_path))
 
 
 def test_bad_data(tmp_path, capsys):
     path = tmp_path / "flat.xyz"
     path.write_text("0 0 0\n1 0 0\n0 1 0\n")
-    assert fail(capsys, "fit", "sphere", str(path)).startswith(f"analysis: {path}: points: expected at least 4 points")
+    assert fail(capsys, "fit", "sphere", str(path)).startswith(
+        f"analysis: {path}: points: expected at least 4 points"
+    )
     path.write_text("0 0 0\n1 0 0\n0 1 0\n3 4 0\n1 1 0\n")
     assert "expected points that determine a sphere" in fail(capsys, "fit", "sphere", str(path))
 
@@ -119,11 +148,18 @@ def test_held_radius(scan, capsys):
     assert main(["fit", "sphere", scan, "--radius", "0.25", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["radius"] == 0.25 and result["standard_deviations"][3] == 0
-    assert "eiv, geometric, robust" in fail(capsys, "fit", "sphere", scan, "--radius", "0.25", "--method", "ls")
-    assert "radius: expected a positive finite number" in fail(capsys, "fit", "sphere", scan, "--radius", "-1")
+    assert "eiv, geometric, robust" in fail(
+        capsys, "fit", "sphere", scan, "--radius", "0.25", "--method", "ls"
+    )
+    assert "radius: expected a positive finite number" in fail(
+        capsys, "fit", "sphere", scan, "--radius", "-1"
+    )
 
 
-@pytest.mark.parametrize("arguments", [[], ["fit"], ["fit", "cube", "scan.xyz"], ["fit", "sphere", "scan.xyz", "--method", "best"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["fit"], ["fit", "cube", "scan.xyz"], ["fit", "sphere", "scan.xyz", "--method", "best"]],
+)
 def test_bad_arguments_end_with_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         main(arguments)
@@ -134,7 +170,9 @@ def test_help_lists_every_method(capsys):
     with pytest.raises(SystemExit):
         main(["fit", "sphere", "--help"])
     text = capsys.readouterr().out
-    assert all(f"  {name} " in text and method.label in text for name, method in SPHERE_METHODS.items())
+    assert all(
+        f"  {name} " in text and method.label in text for name, method in SPHERE_METHODS.items()
+    )
 
 
 def test_as_a_module_from_a_terminal_without_greek_letters(scan):
@@ -150,7 +188,11 @@ def wall(tmp_path):
     rng = np.random.default_rng(9)
     u, v = rng.uniform(0, 2, (2, 200))
     path = tmp_path / "wall.xyz"
-    np.savetxt(path, np.column_stack([3 + 0.6 * u, 0.8 * u, v]) + 1e-3 * rng.standard_normal((200, 3)), fmt="%.5f")
+    np.savetxt(
+        path,
+        np.column_stack([3 + 0.6 * u, 0.8 * u, v]) + 1e-3 * rng.standard_normal((200, 3)),
+        fmt="%.5f",
+    )
     return str(path)
 
 
@@ -163,5 +205,7 @@ def test_plane(wall, capsys):
     assert lines[6].split() == ["offset", f"{fit.offset:.5f}", "m", "±", f"{sd[3]:.3f}", "mm"]
     assert main(["fit", "plane", wall, "--json"]) == 0
     record = json.loads(capsys.readouterr().out)
-    assert record["normal"] == fit.normal.tolist() and record["parameters"] == fit.parameters.tolist()
+    assert (
+        record["normal"] == fit.normal.tolist() and record["parameters"] == fit.parameters.tolist()
+    )
     assert "not vertical" in fail(capsys, "fit", "plane", wall, "--method", "ls")

@@ -47,7 +47,8 @@ DIALECTS = {
     "heading as comment.asc": "//Z Y X\n" + table(" ", order=(2, 1, 0)),
     "several headings.txt": "Leica\nz y x\nm m m\n" + table(" ", order=(2, 1, 0)),
     "several comments.asc": "# Leica\n//Z Y X\n# end\n" + table(" ", order=(2, 1, 0)),
-    "name of two words.txt": "point name\tX\tY\tZ\n" + "".join(f"7\t{line}\n" for line in table("\t").splitlines()),
+    "name of two words.txt": "point name\tX\tY\tZ\n"
+    + "".join(f"7\t{line}\n" for line in table("\t").splitlines()),
     "prose in comments.xyz": "# z y x were surveyed in 2017\n" + table(" "),
     "lone quotes.txt": '"five inch target\n' + table(" ", 'inch"'),
     "comments among points.xyz": mixed_in("# moved\n", mixed_in("// moved\n", table(" "))),
@@ -80,7 +81,9 @@ def test_a_single_point_and_a_string_path(tmp_path):
 
 def test_the_committed_cloud_is_read_by_the_names_of_its_columns():
     # Its first column is the number of the point.
-    np.testing.assert_array_equal(read_points(clouds.SPHERE_FILES[True]), clouds.read_sphere_cloud(gross=True))
+    np.testing.assert_array_equal(
+        read_points(clouds.SPHERE_FILES[True]), clouds.read_sphere_cloud(gross=True)
+    )
 
 
 @pytest.mark.parametrize(
@@ -197,7 +200,9 @@ def test_e57_scans_are_put_in_one_frame(tmp_path):
     np.testing.assert_allclose(read_points(tmp_path / "scan.e57"), expected, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize(("suffix", "library"), [(".las", "laspy"), (".ply", "trimesh"), (".e57", "pye57")])
+@pytest.mark.parametrize(
+    ("suffix", "library"), [(".las", "laspy"), (".ply", "trimesh"), (".e57", "pye57")]
+)
 def test_a_broken_binary_file(tmp_path, suffix, library):
     pytest.importorskip(library, reason=f"{library} is an optional extra")
     path = tmp_path / f"scan{suffix}"

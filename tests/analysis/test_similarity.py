@@ -12,7 +12,10 @@ import analysis
 from analysis.similarity import fit_similarity, thirteen_parameters, umeyama
 
 GEOCENTRIC = np.array([4.15e6, 6.7e5, 4.77e6])  # m
-TARGETS = np.array([[2.0, -9, 0.5], [-2, -5, 1.5], [1.8, 0, -1], [-2, 4, 2], [1.5, 8, 0], [0, 11, 2.4]])  # m, in a tunnel
+# m, in a tunnel
+TARGETS = np.array(
+    [[2.0, -9, 0.5], [-2, -5, 1.5], [1.8, 0, -1], [-2, 4, 2], [1.5, 8, 0], [0, 11, 2.4]]
+)
 
 
 def generator(seed=0):
@@ -20,7 +23,9 @@ def generator(seed=0):
 
 
 def rotation(degrees, axis=(1.0, -2.0, 0.5)):
-    return Rotation.from_rotvec(np.radians(degrees) * np.array(axis) / np.linalg.norm(axis)).as_matrix()
+    return Rotation.from_rotvec(
+        np.radians(degrees) * np.array(axis) / np.linalg.norm(axis)
+    ).as_matrix()
 
 
 def moved(x, scale=1.0, R=None, t=(0.0, 0.0, 0.0)):
@@ -40,7 +45,9 @@ def covariances(n, seed):
 def parameters(similarity):
     """(…, 13): everything that says where points go."""
     R = similarity.rotation.reshape(*similarity.rotation.shape[:-2], 9)
-    return np.concatenate([similarity.translation, R, np.asarray(similarity.scale)[..., None]], axis=-1)
+    return np.concatenate(
+        [similarity.translation, R, np.asarray(similarity.scale)[..., None]], axis=-1
+    )
 
 
 # ------------------------------------------------------------------ exact data, published answer
@@ -53,7 +60,8 @@ def test_exact_pairs_give_the_truth(degrees, count):
     x, X = TARGETS[:count], moved(TARGETS[:count], 1.7, R, t)
     mu, R_u, t_u = umeyama(x, X)
     for scale, turn, shift in [(mu, R_u, t_u)] + [
-        (one.scale, one.rotation, one.translation) for one in (fit_similarity(x, X), thirteen_parameters(x, X))
+        (one.scale, one.rotation, one.translation)
+        for one in (fit_similarity(x, X), thirteen_parameters(x, X))
     ]:
         np.testing.assert_allclose(scale, 1.7, rtol=1e-13)
         np.testing.assert_allclose(turn, R, rtol=0, atol=1e-13)
@@ -66,18 +74,30 @@ def test_exact_pairs_far_from_the_origin():
     fit = fit_similarity(x, X)
     np.testing.assert_allclose(fit.rotation, rotation(150), rtol=0, atol=1e-9)
     np.testing.assert_allclose(fit.transform(x), X, rtol=0, atol=3e-9)
-    np.testing.assert_allclose(fit.translation + fit.scale * x @ fit.rotation.T, X, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        fit.translation + fit.scale * x @ fit.rotation.T, X, rtol=0, atol=1e-8
+    )
 
 
 def grafarend():
-    content = tomllib.loads((Path(__file__).parents[1] / "reference" / "similarity_grafarend.toml").read_text(encoding="utf-8"))
-    return np.array(content["data"]["source"]), np.array(content["data"]["target"]), content["answer"]
+    content = tomllib.loads(
+        (Path(__file__).parents[1] / "reference" / "similarity_grafarend.toml").read_text(
+            encoding="utf-8"
+        )
+    )
+    return (
+        np.array(content["data"]["source"]),
+        np.array(content["data"]["target"]),
+        content["answer"],
+    )
 
 
 def assert_printed(ours, printed):
     texts = np.atleast_1d(printed)
     half_unit = [0.5 * 10.0 ** -len(text.partition(".")[2]) for text in texts]
-    assert np.all(np.abs(np.atleast_1d(ours) - texts.astype(float)) <= half_unit), f"expected {printed}, got {ours}"
+    assert np.all(np.abs(np.atleast_1d(ours) - texts.astype(float)) <= half_unit), (
+        f"expected {printed}, got {ours}"
+    )
 
 
 @pytest.mark.parametrize("solve", [fit_similarity, thirteen_parameters])
@@ -92,7 +112,10 @@ def test_seven_stations_of_grafarend_and_awange(solve):
 
 def test_a_mirrored_plane_is_still_a_rotation():
     flat = TARGETS * [1, 1, 0]
-    for fit in (fit_similarity(flat, flat * [-1, 1, 1]), fit_similarity(TARGETS, TARGETS * [-1, 1, 1])):
+    for fit in (
+        fit_similarity(flat, flat * [-1, 1, 1]),
+        fit_similarity(TARGETS, TARGETS * [-1, 1, 1]),
+    ):
         np.testing.assert_allclose(np.linalg.det(fit.rotation), 1.0, rtol=1e-12)
     np.testing.assert_allclose(fit_similarity(flat, flat * [-1, 1, 1]).residuals, 0.0, atol=1e-12)
 
@@ -123,7 +146,9 @@ def test_thirteen_parameters_are_the_solution_by_svd_for_any_rotation():
 
 
 def test_thirteen_parameters_find_it_from_a_rotation_nearby_but_not_from_any():
-    """A scanner that looks back along the tunnel, 170° about the vertical: from R = I it converges to a mirrored solution."""
+    """A scanner that looks back along the tunnel, 170° about the vertical: from R = I it converges
+    to a mirrored solution.
+    """
     R = rotation(170, (0, 0, 1))
     X = noisy(moved(TARGETS, 1.0, R), 0.002)
     near = thirteen_parameters(TARGETS, X, start=rotation(110, (0, 0, 1)))
@@ -137,14 +162,19 @@ def test_thirteen_parameters_find_it_from_a_rotation_nearby_but_not_from_any():
 def test_cofactor_of_thirteen_parameters_is_that_of_seven():
     x, X = TARGETS, noisy(moved(TARGETS, 1.2, rotation(100)), 0.01)
     weights = np.array([1.0, 2, 3, 1, 0.5, 1])
-    solution, fit = thirteen_parameters(x, X, weights=weights), fit_similarity(x, X, weights=weights)
+    solution, fit = (
+        thirteen_parameters(x, X, weights=weights),
+        fit_similarity(x, X, weights=weights),
+    )
     np.testing.assert_allclose(solution.sigma_0, fit.sigma_0, rtol=1e-10)
     # The direction cosines as functions of ω, and the shift at the (weighted) centroid.
     R, J = fit.rotation, np.zeros((13, 7))
     J[:3, :3], J[3, 6] = np.eye(3), 1.0
     for k in range(3):
         J[4:, 3 + k] = turned_rows(R, k)
-    np.testing.assert_allclose(solution.cofactor, J @ fit.central_cofactor @ J.T, rtol=1e-6, atol=1e-11)
+    np.testing.assert_allclose(
+        solution.cofactor, J @ fit.central_cofactor @ J.T, rtol=1e-6, atol=1e-11
+    )
 
 
 def turned_rows(R, k):
@@ -163,14 +193,22 @@ def test_default_is_least_squares_in_the_target_frame():
     for scale in (True, False):
         mu, R, t = umeyama(TARGETS, X, scale=scale, weights=weights)
         fit = fit_similarity(TARGETS, X, scale=scale, weights=weights)
-        np.testing.assert_allclose(parameters(fit), np.concatenate([t, R.ravel(), [mu]]), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            parameters(fit), np.concatenate([t, R.ravel(), [mu]]), rtol=0, atol=1e-12
+        )
         np.testing.assert_allclose(fit.residuals, X - moved(TARGETS, mu, R, t), rtol=0, atol=1e-12)
         redundancy = 18 - 6 - scale
         assert fit.redundancy == redundancy
-        np.testing.assert_allclose(fit.sigma_0, np.sqrt(np.sum(weights[:, None] * fit.residuals**2) / redundancy), rtol=1e-10)
+        np.testing.assert_allclose(
+            fit.sigma_0,
+            np.sqrt(np.sum(weights[:, None] * fit.residuals**2) / redundancy),
+            rtol=1e-10,
+        )
 
 
-@pytest.mark.parametrize(("of_source", "of_target"), [(4.0, 1.0), (1.0, 1.0), (0.25, 4.0), (1.0, 1e-6)])
+@pytest.mark.parametrize(
+    ("of_source", "of_target"), [(4.0, 1.0), (1.0, 1.0), (0.25, 4.0), (1.0, 1e-6)]
+)
 def test_scale_with_isotropic_errors_in_both_frames_solves_its_quadratic(of_source, of_target):
     x, X = noisy(TARGETS, 0.05, 1), noisy(moved(TARGETS, 1.3, rotation(70)), 0.05, 2)
     fit = fit_similarity(x, X, source_cofactors=of_source, target_cofactors=of_target)
@@ -183,17 +221,30 @@ def test_scale_with_isotropic_errors_in_both_frames_solves_its_quadratic(of_sour
 
 
 def test_full_cofactors_agree_with_an_independent_minimisation():
-    """All observations adjusted at once, by scipy: the points of the source frame are unknowns, too."""
+    """All observations adjusted at once, by scipy: the points of the source frame are unknowns,
+    too.
+    """
     Q_x, Q_X = covariances(6, 1), covariances(6, 2)
-    x = TARGETS + np.einsum("nij,nj->ni", np.linalg.cholesky(Q_x), generator(3).standard_normal((6, 3))) * 5
-    X = moved(TARGETS, 1.1, rotation(140)) + np.einsum("nij,nj->ni", np.linalg.cholesky(Q_X), generator(4).standard_normal((6, 3))) * 5
+    x = (
+        TARGETS
+        + np.einsum("nij,nj->ni", np.linalg.cholesky(Q_x), generator(3).standard_normal((6, 3))) * 5
+    )
+    X = (
+        moved(TARGETS, 1.1, rotation(140))
+        + np.einsum("nij,nj->ni", np.linalg.cholesky(Q_X), generator(4).standard_normal((6, 3))) * 5
+    )
     fit = fit_similarity(x, X, source_cofactors=Q_x, target_cofactors=Q_X)
-    whiten_x, whiten_X = np.linalg.inv(np.linalg.cholesky(Q_x)), np.linalg.inv(np.linalg.cholesky(Q_X))
+    whiten_x, whiten_X = (
+        np.linalg.inv(np.linalg.cholesky(Q_x)),
+        np.linalg.inv(np.linalg.cholesky(Q_X)),
+    )
 
     def errors(unknowns):
         t, turn, mu, true = unknowns[:3], unknowns[3:6], unknowns[6], unknowns[7:].reshape(6, 3)
         image = moved(true, mu, Rotation.from_rotvec(turn).as_matrix() @ rotation(140), t)
-        parts = [np.einsum("nij,nj->ni", W, e) for W, e in [(whiten_x, x - true), (whiten_X, X - image)]]
+        parts = [
+            np.einsum("nij,nj->ni", W, e) for W, e in [(whiten_x, x - true), (whiten_X, X - image)]
+        ]
         return np.concatenate(parts).ravel()
 
     start = np.concatenate([np.zeros(6), [1.0], x.ravel()])
@@ -204,7 +255,9 @@ def test_full_cofactors_agree_with_an_independent_minimisation():
     np.testing.assert_allclose(fit.scale, best.x[6], rtol=0, atol=1e-9)
     np.testing.assert_allclose(fit.sigma_0, np.sqrt(2 * best.cost / 11), rtol=1e-9)
     cofactor = np.linalg.inv(best.jac.T @ best.jac)[:7, :7]
-    np.testing.assert_allclose(np.sqrt(np.diag(fit.cofactor)), np.sqrt(np.diag(cofactor)), rtol=2e-3)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(fit.cofactor)), np.sqrt(np.diag(cofactor)), rtol=2e-3
+    )
 
 
 def test_exact_source_is_the_limit_of_a_precise_one():
@@ -212,7 +265,8 @@ def test_exact_source_is_the_limit_of_a_precise_one():
     exact = fit_similarity(TARGETS, X, target_cofactors=Q)
     precise = fit_similarity(TARGETS, X, source_cofactors=1e-16, target_cofactors=Q)
     np.testing.assert_allclose(parameters(precise), parameters(exact), rtol=0, atol=1e-10)
-    assert np.abs(parameters(exact) - parameters(fit_similarity(TARGETS, X))).max() > 1e-4  # the weights matter
+    # the weights matter
+    assert np.abs(parameters(exact) - parameters(fit_similarity(TARGETS, X))).max() > 1e-4
 
 
 def test_weights_variances_and_matrices_say_the_same():
@@ -229,11 +283,15 @@ def test_weights_variances_and_matrices_say_the_same():
 
 @pytest.fixture(scope="module")
 def campaign():
-    """12 000 redraws of six targets with errors in both frames, adjusted with their true covariances."""
+    """12 000 redraws of six targets with errors in both frames, adjusted with their true
+    covariances.
+    """
     B = 12_000
     Q_x, Q_X = covariances(6, 5), covariances(6, 6)
     draw = generator(7)
-    x = TARGETS + np.einsum("nij,bnj->bni", np.linalg.cholesky(Q_x), draw.standard_normal((B, 6, 3)))
+    x = TARGETS + np.einsum(
+        "nij,bnj->bni", np.linalg.cholesky(Q_x), draw.standard_normal((B, 6, 3))
+    )
     X = moved(TARGETS, 1.1, rotation(120), (50, 60, 7))
     X = X + np.einsum("nij,bnj->bni", np.linalg.cholesky(Q_X), draw.standard_normal((B, 6, 3)))
     fits = fit_similarity(x, X, source_cofactors=Q_x, target_cofactors=Q_X, absolute=True)
@@ -260,19 +318,33 @@ def test_standard_deviations_are_those_of_a_monte_carlo(campaign):
 def test_covariance_of_transformed_points_is_that_of_a_monte_carlo_and_common(campaign):
     fits, R, Q_x = campaign
     points = np.array([[2.7, 3.0, 0.0], [-2.7, 3.0, 0.0], [0.0, 30.0, 2.7]])
-    noise = np.einsum("nij,bnj->bni", np.linalg.cholesky(Q_x[:3]), generator(8).standard_normal((len(fits.scale), 3, 3)))
+    noise = np.einsum(
+        "nij,bnj->bni",
+        np.linalg.cholesky(Q_x[:3]),
+        generator(8).standard_normal((len(fits.scale), 3, 3)),
+    )
     errors = fits.transform(points + noise) - moved(points, 1.1, R, (50, 60, 7))
     stated = fits.transformed_covariance(np.broadcast_to(points, noise.shape), Q_x[:3]).mean(axis=0)
     found = np.einsum("bni,bnj->nij", errors, errors) / len(errors)
-    np.testing.assert_allclose(found, stated, rtol=0, atol=0.03 * np.max(np.diagonal(stated, axis1=1, axis2=2)))
-    np.testing.assert_allclose(np.sqrt(np.trace(found, axis1=1, axis2=2)), np.sqrt(np.trace(stated, axis1=1, axis2=2)), rtol=0.02)
+    np.testing.assert_allclose(
+        found, stated, rtol=0, atol=0.03 * np.max(np.diagonal(stated, axis1=1, axis2=2))
+    )
+    np.testing.assert_allclose(
+        np.sqrt(np.trace(found, axis1=1, axis2=2)),
+        np.sqrt(np.trace(stated, axis1=1, axis2=2)),
+        rtol=0.02,
+    )
     # Between two points without errors of their own: the error they share.
     shifts = fits.transform(points) - moved(points, 1.1, R, (50, 60, 7))
     A = fits.common_errors(np.broadcast_to(points, noise.shape))
     between = np.einsum("bik,bjk->ij", A[:, 0], A[:, 1]) / len(A)
     found = np.einsum("bi,bj->ij", shifts[:, 0], shifts[:, 1]) / len(A)
     np.testing.assert_allclose(found, between, rtol=0, atol=0.03 * np.abs(between).max())
-    np.testing.assert_allclose(A @ A.swapaxes(-1, -2), fits.transformed_covariance(np.broadcast_to(points, noise.shape)), atol=1e-18)
+    np.testing.assert_allclose(
+        A @ A.swapaxes(-1, -2),
+        fits.transformed_covariance(np.broadcast_to(points, noise.shape)),
+        atol=1e-18,
+    )
 
 
 def test_covariance_is_as_good_far_from_the_origin():
@@ -280,7 +352,12 @@ def test_covariance_is_as_good_far_from_the_origin():
     near, far = fit_similarity(TARGETS, X), fit_similarity(TARGETS + GEOCENTRIC, X + GEOCENTRIC)
     points = TARGETS + [1.0, 2, 3]
     expected = near.transformed_covariance(points, 1e-6 * np.ones(6))
-    np.testing.assert_allclose(far.transformed_covariance(points + GEOCENTRIC, 1e-6 * np.ones(6)), expected, rtol=1e-4, atol=1e-12)
+    np.testing.assert_allclose(
+        far.transformed_covariance(points + GEOCENTRIC, 1e-6 * np.ones(6)),
+        expected,
+        rtol=1e-4,
+        atol=1e-12,
+    )
     # t is the image of the origin, 6000 km away: its standard deviation says so.
     assert far.standard_deviations[:3].max() > 1e5 * near.standard_deviations[:3].max()
 
@@ -288,10 +365,14 @@ def test_covariance_is_as_good_far_from_the_origin():
 def test_covariance_without_cofactors_is_scaled_by_the_misclosures():
     X = noisy(TARGETS, 0.002)
     relative = fit_similarity(TARGETS, X, target_cofactors=4e-6)
-    np.testing.assert_allclose(relative.covariance, fit_similarity(TARGETS, X).covariance, rtol=1e-9, atol=1e-20)
+    np.testing.assert_allclose(
+        relative.covariance, fit_similarity(TARGETS, X).covariance, rtol=1e-9, atol=1e-20
+    )
     absolute = fit_similarity(TARGETS, X, target_cofactors=4e-6, absolute=True)
     np.testing.assert_array_equal(absolute.covariance, absolute.cofactor)
-    np.testing.assert_allclose(relative.covariance, relative.sigma_0**2 * absolute.covariance, rtol=1e-12)
+    np.testing.assert_allclose(
+        relative.covariance, relative.sigma_0**2 * absolute.covariance, rtol=1e-12
+    )
 
 
 def test_held_scale_has_no_error_and_no_test():
@@ -300,23 +381,35 @@ def test_held_scale_has_no_error_and_no_test():
     assert held.scale == 1 and np.isnan(held.scale_test)
     np.testing.assert_array_equal(held.covariance[6], 0.0)
     assert free.scale_test > 2 and free.redundancy == held.redundancy - 1
-    np.testing.assert_allclose(free.scale_test, (free.scale - 1) / free.standard_deviations[6], rtol=1e-10)
+    np.testing.assert_allclose(
+        free.scale_test, (free.scale - 1) / free.standard_deviations[6], rtol=1e-10
+    )
 
 
 def test_scale_test_errs_as_often_as_it_should():
     X = noisy(np.broadcast_to(TARGETS, (4000, 6, 3)), 0.002)
-    fits = fit_similarity(np.broadcast_to(TARGETS, X.shape), X, target_cofactors=4e-6, absolute=True)
+    fits = fit_similarity(
+        np.broadcast_to(TARGETS, X.shape), X, target_cofactors=4e-6, absolute=True
+    )
     assert 0.035 < np.mean(fits.scale_test > 2) < 0.056  # 4.6 % of a normal variable
 
 
 def test_inverse_goes_back_and_is_the_fit_of_the_frames_exchanged():
-    x, X = noisy(TARGETS, 0.01, 1) + [5, 6, 7], noisy(moved(TARGETS, 1.4, rotation(110), (90, 80, 70)), 0.01, 2)
+    x, X = (
+        noisy(TARGETS, 0.01, 1) + [5, 6, 7],
+        noisy(moved(TARGETS, 1.4, rotation(110), (90, 80, 70)), 0.01, 2),
+    )
     Q_x, Q_X = covariances(6, 1), covariances(6, 2)
     fit = fit_similarity(x, X, source_cofactors=Q_x, target_cofactors=Q_X)
     back = fit_similarity(X, x, source_cofactors=Q_X, target_cofactors=Q_x)
     inverse = fit.inverse()
     np.testing.assert_allclose(parameters(inverse), parameters(back), rtol=0, atol=1e-10)
-    np.testing.assert_allclose(inverse.covariance, back.covariance, rtol=1e-3, atol=1e-3 * np.abs(np.diag(back.covariance)).min())
+    np.testing.assert_allclose(
+        inverse.covariance,
+        back.covariance,
+        rtol=1e-3,
+        atol=1e-3 * np.abs(np.diag(back.covariance)).min(),
+    )
     np.testing.assert_allclose(inverse.residuals, x - inverse.transform(X), rtol=0, atol=1e-12)
     np.testing.assert_allclose(inverse.transform(fit.transform(x)), x, rtol=0, atol=1e-12)
     np.testing.assert_allclose(inverse.inverse().covariance, fit.covariance, rtol=1e-9)
@@ -338,7 +431,9 @@ def test_order_shift_turn_and_unit_change_what_they_should():
     np.testing.assert_allclose(other.scale, 1000 * one.scale, rtol=1e-12)
     np.testing.assert_allclose(other.rotation, turn @ one.rotation, rtol=0, atol=1e-12)
     np.testing.assert_allclose(other.residuals, 1000 * one.residuals @ turn.T, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(other.covariance[3:6, 3:6], turn @ one.covariance[3:6, 3:6] @ turn.T, rtol=0, atol=1e-16)
+    np.testing.assert_allclose(
+        other.covariance[3:6, 3:6], turn @ one.covariance[3:6, 3:6] @ turn.T, rtol=0, atol=1e-16
+    )
 
 
 @pytest.mark.parametrize("robust", [False, True])
@@ -347,19 +442,31 @@ def test_a_stack_is_its_members_one_by_one(robust):
     X = noisy(np.broadcast_to(TARGETS, (2, 3, 6, 3)), 0.002, 2)
     X[0, 1, 4] += 0.5
     stack = fit_similarity(x, X, robust=robust, source_cofactors=1.0, target_cofactors=1.0)
-    assert stack.scale.shape == (2, 3) and stack.covariance.shape == (2, 3, 7, 7) and stack.translation.shape == (2, 3, 3)
+    assert (
+        stack.scale.shape == (2, 3)
+        and stack.covariance.shape == (2, 3, 7, 7)
+        and stack.translation.shape == (2, 3, 3)
+    )
     for index in np.ndindex(2, 3):
-        single = fit_similarity(x[index], X[index], robust=robust, source_cofactors=1.0, target_cofactors=1.0)
+        single = fit_similarity(
+            x[index], X[index], robust=robust, source_cofactors=1.0, target_cofactors=1.0
+        )
         np.testing.assert_allclose(parameters(stack)[index], parameters(single), rtol=0, atol=1e-14)
-        np.testing.assert_allclose(stack.covariance[index], single.covariance, rtol=1e-12, atol=1e-20)
+        np.testing.assert_allclose(
+            stack.covariance[index], single.covariance, rtol=1e-12, atol=1e-20
+        )
         np.testing.assert_array_equal(stack.inliers[index], single.inliers)
-        np.testing.assert_allclose(stack.transform(x)[index], single.transform(x[index]), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(
+            stack.transform(x)[index], single.transform(x[index]), rtol=0, atol=1e-13
+        )
 
 
 def test_one_point_transforms_as_one_of_many():
     fit = fit_similarity(TARGETS, moved(TARGETS, 2.0, rotation(50), (1, 2, 3)))
     np.testing.assert_allclose(fit.transform(TARGETS[0]), fit.transform(TARGETS)[0], rtol=1e-14)
-    np.testing.assert_allclose(fit.rotation_vector, Rotation.from_matrix(rotation(50)).as_rotvec(), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        fit.rotation_vector, Rotation.from_matrix(rotation(50)).as_rotvec(), rtol=0, atol=1e-12
+    )
 
 
 def test_inputs_stay_and_results_are_frozen():
@@ -386,9 +493,16 @@ def test_one_wrong_pair_of_six_is_found_and_named(wrong, scale):
     np.testing.assert_array_equal(fit.inliers, others)
     assert fit.weights[wrong] == 0 and fit.redundancy == 15 - 6 - scale
     if np.all(fit.weights[others] == 1):
-        np.testing.assert_allclose(parameters(fit), parameters(fit_similarity(TARGETS[others], X[others], scale=scale)), rtol=0, atol=1e-10)
+        np.testing.assert_allclose(
+            parameters(fit),
+            parameters(fit_similarity(TARGETS[others], X[others], scale=scale)),
+            rtol=0,
+            atol=1e-10,
+        )
     plain = fit_similarity(TARGETS, X, scale=scale)
-    assert np.linalg.norm(plain.translation - (500, 600, 7)) > 20 * np.linalg.norm(fit.translation - (500, 600, 7))
+    assert np.linalg.norm(plain.translation - (500, 600, 7)) > 20 * np.linalg.norm(
+        fit.translation - (500, 600, 7)
+    )
 
 
 def test_two_pairs_exchanged_are_found_in_exact_data():
@@ -461,23 +575,78 @@ def test_many_pairs_with_two_in_five_wrong():
 LINE = np.outer(np.arange(5.0), [1.0, 2.0, 3.0])
 BAD = {
     "two targets": (TARGETS[:2], TARGETS[:2], {}, "at least 3 pairs for a similarity, got 2"),
-    "three for a robust one": (TARGETS[:3], TARGETS[:3], {"robust": True}, "at least 4 pairs for a robust one, got 3"),
+    "three for a robust one": (
+        TARGETS[:3],
+        TARGETS[:3],
+        {"robust": True},
+        "at least 4 pairs for a robust one, got 3",
+    ),
     "line": (LINE, TARGETS[:5], {}, "source: .*points on a line"),
     "line far away": (LINE + GEOCENTRIC, TARGETS[:5], {}, "source: .*points on a line"),
     "line in the target": (TARGETS[:5], LINE, {}, "target: .*points on a line"),
     "one place": (np.ones((4, 3)), TARGETS[:4], {}, "source: .*points on a line"),
     "unequal numbers": (TARGETS, TARGETS[:5], {}, "as many points in both, got 6 and 5"),
-    "unequal stacks": (np.stack([TARGETS] * 2), np.stack([TARGETS] * 3), {}, "stacks of the same shape"),
+    "unequal stacks": (
+        np.stack([TARGETS] * 2),
+        np.stack([TARGETS] * 3),
+        {},
+        "stacks of the same shape",
+    ),
     "empty stack": (np.zeros((0, 6, 3)), np.zeros((0, 6, 3)), {}, "at least one set of pairs"),
-    "two columns": (TARGETS[:, :2], TARGETS[:, :2], {}, r"source: expected shape \(…, n, 3\), got \(6, 2\)"),
-    "NaN": (np.where(TARGETS == 8, np.nan, TARGETS), TARGETS, {}, "source: expected finite numbers"),
-    "zero weight": (TARGETS, TARGETS, {"weights": [1, 1, 1, 1, 1, 0]}, "weights: expected positive"),
-    "weights of another length": (TARGETS, TARGETS, {"weights": np.ones(5)}, "weights: expected shape"),
-    "weights and cofactors": (TARGETS, TARGETS, {"weights": np.ones(6), "source_cofactors": 1.0}, "weights: expected None beside"),
-    "negative variance": (TARGETS, TARGETS, {"source_cofactors": -1.0}, "source_cofactors: expected a positive"),
-    "indefinite": (TARGETS, TARGETS, {"target_cofactors": -np.stack([np.eye(3)] * 6)}, "target_cofactors: .*positive definite"),
-    "absolute without cofactors": (TARGETS, TARGETS, {"absolute": True}, "absolute: expected cofactors"),
-    "iterations": (TARGETS, TARGETS, {"max_iterations": 0}, "max_iterations: expected a positive whole number"),
+    "two columns": (
+        TARGETS[:, :2],
+        TARGETS[:, :2],
+        {},
+        r"source: expected shape \(…, n, 3\), got \(6, 2\)",
+    ),
+    "NaN": (
+        np.where(TARGETS == 8, np.nan, TARGETS),
+        TARGETS,
+        {},
+        "source: expected finite numbers",
+    ),
+    "zero weight": (
+        TARGETS,
+        TARGETS,
+        {"weights": [1, 1, 1, 1, 1, 0]},
+        "weights: expected positive",
+    ),
+    "weights of another length": (
+        TARGETS,
+        TARGETS,
+        {"weights": np.ones(5)},
+        "weights: expected shape",
+    ),
+    "weights and cofactors": (
+        TARGETS,
+        TARGETS,
+        {"weights": np.ones(6), "source_cofactors": 1.0},
+        "weights: expected None beside",
+    ),
+    "negative variance": (
+        TARGETS,
+        TARGETS,
+        {"source_cofactors": -1.0},
+        "source_cofactors: expected a positive",
+    ),
+    "indefinite": (
+        TARGETS,
+        TARGETS,
+        {"target_cofactors": -np.stack([np.eye(3)] * 6)},
+        "target_cofactors: .*positive definite",
+    ),
+    "absolute without cofactors": (
+        TARGETS,
+        TARGETS,
+        {"absolute": True},
+        "absolute: expected cofactors",
+    ),
+    "iterations": (
+        TARGETS,
+        TARGETS,
+        {"max_iterations": 0},
+        "max_iterations: expected a positive whole number",
+    ),
 }
 
 
@@ -489,7 +658,11 @@ def test_bad_input_is_refused_with_what_was_expected(name):
 
 
 def test_bad_start_is_refused():
-    for start, message in [(2 * np.eye(3), "rotation matrices"), (np.diag([1.0, 1, -1]), "rotation matrices"), (np.eye(2), "shape")]:
+    for start, message in [
+        (2 * np.eye(3), "rotation matrices"),
+        (np.diag([1.0, 1, -1]), "rotation matrices"),
+        (np.eye(2), "shape"),
+    ]:
         with pytest.raises(ValueError, match=message):
             thirteen_parameters(TARGETS, TARGETS, start=start)
 
@@ -507,7 +680,9 @@ def test_points_to_transform_are_checked():
 def test_stopping_too_early_is_said():
     X = noisy(moved(TARGETS, 1.3, rotation(70)), 0.5, 2)
     with pytest.warns(analysis.ConvergenceWarning, match="still moving after 1 iterations"):
-        fit = fit_similarity(TARGETS, X, source_cofactors=1.0, target_cofactors=1.0, max_iterations=1)
+        fit = fit_similarity(
+            TARGETS, X, source_cofactors=1.0, target_cofactors=1.0, max_iterations=1
+        )
     assert not fit.converged and fit.iterations == 1 and "not converged" in repr(fit)
     with_one = thirteen_parameters(TARGETS, X, start=np.eye(3), max_iterations=1)
     assert not with_one.converged

@@ -1,4 +1,6 @@
-"""The benchmark's tables, on sizes that take no time. Speed itself is no test: it is read from ``make bench``."""
+"""The benchmark's tables, on sizes that take no time. Speed itself is no test: it is read from
+``make bench``.
+"""
 
 import numpy as np
 import pandas as pd
@@ -20,7 +22,9 @@ def test_tables_have_a_line_a_method():
     assert whole[f"{bench.PEER} : method"].iloc[0] == 1
     assert together["largest difference"].max() < 1e-9
     for table in (one, together, whole):
-        assert np.all(table.select_dtypes("float").drop(columns="largest difference", errors="ignore") > 0)
+        assert np.all(
+            table.select_dtypes("float").drop(columns="largest difference", errors="ignore") > 0
+        )
 
 
 def test_planes():
@@ -34,7 +38,9 @@ def test_planes():
 
 def test_robust_beside_other_libraries():
     points = bench.gross_cloud(np.random.default_rng(1), 200)
-    others = bench.other_robust_fits(points) | {"odrpack": lambda: bench.orthogonal_by_odrpack(points)}
+    others = bench.other_robust_fits(points) | {
+        "odrpack": lambda: bench.orthogonal_by_odrpack(points)
+    }
     table = bench.robust_against(points, others, repeats=1)
     assert table["method"].tolist() == ["robust", *others]
     assert table["times robust"].iloc[0] == 1
@@ -55,7 +61,9 @@ def test_odrpack_is_used_rightly():
 def test_growing_clouds():
     table = bench.growing(np.random.default_rng(1), (100, 1000), repeats=1)
     assert table["method"].tolist() == ["100 points", "1000 points"]
-    np.testing.assert_allclose(table["exponent"][1], np.log10(table["s a fit"][1] / table["s a fit"][0]))
+    np.testing.assert_allclose(
+        table["exponent"][1], np.log10(table["s a fit"][1] / table["s a fit"][0])
+    )
 
 
 def test_a_long_loop_runs_over_some_of_the_clouds():
@@ -70,14 +78,27 @@ def test_verdicts():
         columns=["run", "quantity", "rule", "limit", "methods"],
     )
     methods = ["ls", "ls", "tls", "tls", bench.PEER]
-    table = pd.DataFrame({"method": methods, "s": [0.5, 2.0, 2.0, 2.0, 2.0], "gain": [5.0, 9.0, 5.0, 4.9, 1.0]})
-    assert bench.with_verdicts(table, limits)["verdict"].tolist() == ["ok", "short", "ok", "short", ""]
+    table = pd.DataFrame(
+        {"method": methods, "s": [0.5, 2.0, 2.0, 2.0, 2.0], "gain": [5.0, 9.0, 5.0, 4.9, 1.0]}
+    )
+    assert bench.with_verdicts(table, limits)["verdict"].tolist() == [
+        "ok",
+        "short",
+        "ok",
+        "short",
+        "",
+    ]
 
 
 def test_report_shows_limits_and_verdicts():
     run = bench.LIMITS["run"].iloc[0]
     text = bench.report(run, pd.DataFrame({"method": ["ls", "tls"], "ms a fit": [1.25, 1000.0]}), 2)
-    assert text.splitlines() == [run, "method  ms a fit  verdict", "ls          1.25  ok", "tls      1000.00  short"]
+    assert text.splitlines() == [
+        run,
+        "method  ms a fit  verdict",
+        "ls          1.25  ok",
+        "tls      1000.00  short",
+    ]
 
 
 def test_peak_counts_what_a_call_holds():

@@ -25,25 +25,39 @@ from studies import paths
 NOTEBOOKS = sorted(paths.NOTEBOOKS.glob("*.ipynb"))
 
 
-# --- environment ------------------------------------------------------------------------------------------------------------------------
+# --- environment
+# ------------------------------------------------------------------------------------------------------------------------
 
 
 def wanted():
     """The requirements of environment.in."""
-    lines = (line.partition("#")[0].strip() for line in (paths.ROOT / "environment.in").read_text().splitlines())
+    lines = (
+        line.partition("#")[0].strip()
+        for line in (paths.ROOT / "environment.in").read_text().splitlines()
+    )
     return [Requirement(line) for line in lines if line]
 
 
 def locked():
     """Pairs (requirement, its hashes) of environment.txt."""
-    text = re.sub(r"^\s*#.*\n", "", (paths.ROOT / "environment.txt").read_text(), flags=re.MULTILINE)
-    entries = [re.split(r"\s+--hash=", entry) for entry in text.replace("\\\n", " ").splitlines() if entry.strip()]
+    text = re.sub(
+        r"^\s*#.*\n", "", (paths.ROOT / "environment.txt").read_text(), flags=re.MULTILINE
+    )
+    entries = [
+        re.split(r"\s+--hash=", entry)
+        for entry in text.replace("\\\n", " ").splitlines()
+        if entry.strip()
+    ]
     return [(Requirement(requirement), hashes) for requirement, *hashes in entries]
 
 
 @pytest.mark.parametrize("requirement", wanted(), ids=str)
 def test_lock_pins_what_is_wanted(requirement):
-    pins = [pin for pin, _ in locked() if canonicalize_name(pin.name) == canonicalize_name(requirement.name)]
+    pins = [
+        pin
+        for pin, _ in locked()
+        if canonicalize_name(pin.name) == canonicalize_name(requirement.name)
+    ]
     assert pins
     for pin in pins:
         (specifier,) = pin.specifier
@@ -53,7 +67,9 @@ def test_lock_pins_what_is_wanted(requirement):
 def test_lock_pins_every_package_with_hashes():
     for pin, hashes in locked():
         assert re.fullmatch(r"==[^*,]+", str(pin.specifier)), pin
-        assert hashes and all(re.fullmatch(r"sha256:[0-9a-f]{64}", digest.strip()) for digest in hashes), pin
+        assert hashes and all(
+            re.fullmatch(r"sha256:[0-9a-f]{64}", digest.strip()) for digest in hashes
+        ), pin
 
 
 @pytest.mark.parametrize("name", ["environment.in", "environment.txt"])
@@ -76,13 +92,17 @@ def test_make_help_lists_every_target():
     if not shutil.which("make"):
         pytest.skip("make is not installed")
     makefile = (paths.ROOT / "Makefile").read_text()
-    targets = set(re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split()) - {"notebooks"}  # a step of reproduce
-    shown = subprocess.run(["make", "help"], cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
+    # a step of reproduce
+    targets = set(re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split()) - {"notebooks"}
+    shown = subprocess.run(
+        ["make", "help"], cwd=paths.ROOT, capture_output=True, text=True, check=True
+    ).stdout
     described = dict(re.findall(r"^make ([a-z]+) +(\S.*)$", shown, re.MULTILINE))
     assert set(described) == targets
 
 
-# --- committed notebooks ----------------------------------------------------------------------------------------------------------------
+# --- committed notebooks
+# ----------------------------------------------------------------------------------------------------------------
 
 
 def code_cells(path):
@@ -93,7 +113,11 @@ def code_cells(path):
 
 def as_text(output):
     """All an output says, without its pictures."""
-    data = {kind: value for kind, value in output.get("data", {}).items() if not kind.startswith("image/png")}
+    data = {
+        kind: value
+        for kind, value in output.get("data", {}).items()
+        if not kind.startswith("image/png")
+    }
     return json.dumps([data, output.get("text", "")], ensure_ascii=False)
 
 
@@ -124,7 +148,9 @@ def test_notebook_knows_no_machine(path):
 @each_notebook
 def test_notebook_has_short_cells(path):
     for cell in code_cells(path):
-        assert len(cell.source.splitlines()) <= 25, f"does this belong in src/analysis?\n{cell.source}"
+        assert len(cell.source.splitlines()) <= 25, (
+            f"does this belong in src/analysis?\n{cell.source}"
+        )
 
 
 @each_notebook
@@ -134,7 +160,8 @@ def test_notebook_is_stored_as_the_runner_stores_it(path):
     assert nbformat.writes(notebook) + "\n" == path.read_text(encoding="utf-8")
 
 
-# --- running notebooks ------------------------------------------------------------------------------------------------------------------
+# --- running notebooks
+# ------------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -146,7 +173,9 @@ def folder(tmp_path, monkeypatch):
 
 def write(path, *sources):
     """A notebook of code cells under one heading."""
-    notebook = new_notebook(cells=[new_markdown_cell("# A title\n\nSome *text*."), *map(new_code_cell, sources)])
+    notebook = new_notebook(
+        cells=[new_markdown_cell("# A title\n\nSome *text*."), *map(new_code_cell, sources)]
+    )
     nbformat.write(notebook, path)
     return path
 
@@ -165,12 +194,17 @@ def test_runner_executes_and_repeats_to_the_byte(folder):
     assert [cell.execution_count for cell in cells] == [1, 2]
     assert cells[0].outputs[0].text == "['01_sum.ipynb']\n"  # run in its own folder
     assert cells[1].outputs[0].data["text/plain"] == "2"
-    assert re.search(r"^01_sum  cell 2 of 2  A title  \d+\.\d s$", progress.getvalue(), re.MULTILINE)
+    assert re.search(
+        r"^01_sum  cell 2 of 2  A title  \d+\.\d s$", progress.getvalue(), re.MULTILINE
+    )
 
     terminal = Terminal()
     notebooks.run(path, terminal)
     assert path.read_bytes() == first and path.stat().st_mtime_ns == changed
-    assert terminal.getvalue().count("\n") == 1 and "\r\033[K01_sum  cell 1 of 2  A title" in terminal.getvalue()
+    assert (
+        terminal.getvalue().count("\n") == 1
+        and "\r\033[K01_sum  cell 1 of 2  A title" in terminal.getvalue()
+    )
 
 
 def test_runner_leaves_a_failing_notebook_alone(folder, capsys):
@@ -192,17 +226,24 @@ def test_runner_skips_the_scans_notebook_without_scans(folder, monkeypatch, caps
     assert path.read_bytes() == before
 
 
-# --- scans ------------------------------------------------------------------------------------------------------------------------------
+# --- scans
+# ------------------------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def server(tmp_path, monkeypatch):
-    """Address of a local server with one good scan and one with other content than its hash says; a third name has no file."""
+    """Address of a local server with one good scan and one with other content than its hash says; a
+    third name has no file.
+    """
     source = tmp_path / "server"
     source.mkdir()
     (source / "good.xyz").write_text("1\t2\t3\n")
     (source / "bad.xyz").write_text("truncat")
-    hashes = {"good.xyz": hashlib.sha256(b"1\t2\t3\n").hexdigest(), "bad.xyz": "0" * 64, "absent.xyz": "1" * 64}
+    hashes = {
+        "good.xyz": hashlib.sha256(b"1\t2\t3\n").hexdigest(),
+        "bad.xyz": "0" * 64,
+        "absent.xyz": "1" * 64,
+    }
     monkeypatch.setattr(scans, "SHA256", hashes)
     monkeypatch.setenv("no_proxy", "127.0.0.1")
 
@@ -210,7 +251,9 @@ def server(tmp_path, monkeypatch):
         def log_message(self, *arguments):
             pass
 
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=source)) as httpd:
+    with http.server.ThreadingHTTPServer(
+        ("127.0.0.1", 0), functools.partial(Quiet, directory=source)
+    ) as httpd:
         threading.Thread(target=httpd.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{httpd.server_port}/"
         httpd.shutdown()
@@ -227,7 +270,9 @@ def test_scans_are_downloaded_once(server, tmp_path, capsys):
 def test_scan_with_wrong_hash_is_not_kept(server, tmp_path):
     target = tmp_path / "scans"
     found = hashlib.sha256(b"truncat").hexdigest()
-    with pytest.raises(scans.ScanError, match=f"bad.xyz.*expected SHA-256 {'0' * 64}, found {found}"):
+    with pytest.raises(
+        scans.ScanError, match=f"bad.xyz.*expected SHA-256 {'0' * 64}, found {found}"
+    ):
         scans.fetch(["bad.xyz"], target, server)
     assert not target.exists() or list(target.iterdir()) == []
 
@@ -264,7 +309,8 @@ def test_needed_scans_are_known():
     assert len(scans.SHA256) == 11 and set(scans.NOTEBOOK_SCANS) <= set(scans.SHA256)
 
 
-# --- README -----------------------------------------------------------------------------------------------------------------------------
+# --- README
+# -----------------------------------------------------------------------------------------------------------------------------
 
 TEXT = "before\n<!-- begin generated: one -->\nold\n<!-- end generated: one -->\nafter\n"
 
@@ -309,7 +355,8 @@ def test_the_counts_of_the_headline_are_those_of_the_audit():
             assert f"{count} {verdict}" in text
 
 
-# --- site -------------------------------------------------------------------------------------------------------------------------------
+# --- site
+# -------------------------------------------------------------------------------------------------------------------------------
 
 
 def test_site_has_a_page_for_each_notebook(tmp_path):
@@ -321,9 +368,13 @@ def test_site_has_a_page_for_each_notebook(tmp_path):
     nbformat.write(notebook, path)
     write(source / "02_second.ipynb", "2 + 2")
     index = site.build(source, tmp_path / "site").read_text(encoding="utf-8")
-    assert index.index('href="01_first.html">A title') < index.index('href="02_second.html">A title')
+    assert index.index('href="01_first.html">A title') < index.index(
+        'href="02_second.html">A title'
+    )
     assert "Some <em>text</em>" in index
-    assert 'href="02_second.html"' in (tmp_path / "site" / "01_first.html").read_text(encoding="utf-8")
+    assert 'href="02_second.html"' in (tmp_path / "site" / "01_first.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_every_exported_table_is_described():
@@ -333,5 +384,9 @@ def test_every_exported_table_is_described():
     for table in paths.RESULTS.glob("*.csv"):
         (notebook,) = (name for name in notebooks if table.stem.startswith(name))
         rest = table.stem.removeprefix(notebook)
-        described = [line for line in text.splitlines() if f"`{notebook}" in line and (f"`{table.stem}`" in line or f"`…{rest}`" in line)]
+        described = [
+            line
+            for line in text.splitlines()
+            if f"`{notebook}" in line and (f"`{table.stem}`" in line or f"`…{rest}`" in line)
+        ]
         assert described, f"{table.name} is not described in data/README.md"

@@ -1,9 +1,9 @@
 """
 The tables that the notebooks wrote in this test run, against the committed ones.
 
-`make test` runs the notebooks and then this file, with one folder for both in $ANALYSIS_OUTPUT (tests/conftest.py). Numbers are compared
-by tolerance, because BLAS kernels differ between processors in the last bits of every sum, and iterations that stop at a threshold
-enlarge that.
+`make test` runs the notebooks and then this file, with one folder for both in $ANALYSIS_OUTPUT
+(tests/conftest.py). Numbers are compared by tolerance, because BLAS kernels differ between
+processors in the last bits of every sum, and iterations that stop at a threshold enlarge that.
 """
 
 import os
@@ -18,7 +18,11 @@ from studies import paths
 
 RTOL, ATOL = 1e-6, 1e-9
 
-COMMITTED = sorted(path.relative_to(paths.ROOT) for folder in (paths.RESULTS, paths.SIMULATED) for path in folder.rglob("*.csv"))
+COMMITTED = sorted(
+    path.relative_to(paths.ROOT)
+    for folder in (paths.RESULTS, paths.SIMULATED)
+    for path in folder.rglob("*.csv")
+)
 
 
 @pytest.fixture
@@ -30,16 +34,26 @@ def output():
 
 
 def differences(found, expected):
-    """What distinguishes two tables of text cells beyond the tolerance, as lines for a person; empty when they agree."""
+    """What distinguishes two tables of text cells beyond the tolerance, as lines for a person;
+    empty when they agree.
+    """
     if list(found.columns) != list(expected.columns):
         return [f"columns {list(found.columns)} instead of {list(expected.columns)}"]
     if len(found) != len(expected):
         return [f"{len(found)} rows instead of {len(expected)}"]
     lines = []
     for name in expected:
-        numbers = [pd.to_numeric(table[name], errors="coerce").to_numpy(float) for table in (found, expected)]
-        agree = (found[name] == expected[name]).to_numpy() | np.isclose(*numbers, rtol=RTOL, atol=ATOL)
-        lines += [f"row {row}, {name}: {found[name][row]} instead of {expected[name][row]}" for row in np.flatnonzero(~agree)]
+        numbers = [
+            pd.to_numeric(table[name], errors="coerce").to_numpy(float)
+            for table in (found, expected)
+        ]
+        agree = (found[name] == expected[name]).to_numpy() | np.isclose(
+            *numbers, rtol=RTOL, atol=ATOL
+        )
+        lines += [
+            f"row {row}, {name}: {found[name][row]} instead of {expected[name][row]}"
+            for row in np.flatnonzero(~agree)
+        ]
     return lines
 
 

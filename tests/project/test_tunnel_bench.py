@@ -1,4 +1,6 @@
-"""The tunnel's benchmark on campaigns of a few thousand points. Speed itself is no test: it is read from ``make bench``."""
+"""The tunnel's benchmark on campaigns of a few thousand points. Speed itself is no test: it is read
+from ``make bench``.
+"""
 
 import numpy as np
 import pandas as pd
@@ -40,7 +42,13 @@ def test_growing_campaigns(monkeypatch):
     scanned = []
     monkeypatch.setattr(tunnel_bench, "scan_all", lambda folder, beams: scanned.append(beams))
     monkeypatch.setattr(
-        tunnel_bench, "fresh", lambda *_: {"points": int(scanned[-1]), "CPU, s": scanned[-1] ** 2, "peak, GB": scanned[-1] ** 0.5}
+        tunnel_bench,
+        "fresh",
+        lambda *_: {
+            "points": int(scanned[-1]),
+            "CPU, s": scanned[-1] ** 2,
+            "peak, GB": scanned[-1] ** 0.5,
+        },
     )
     table = tunnel_bench.growing((0.01, 0.02, 0.1))
     assert scanned == pytest.approx([1e4, 2e4, 1e5])
@@ -65,8 +73,15 @@ def test_verdicts():
     table = pd.DataFrame([{"campaign": "1.4 million"} | row, {"campaign": "45 million"} | row])
     table.loc[0, "exponent of time"] = np.nan  # of the smallest
     assert bench.with_verdicts(table, tunnel_bench.LIMITS)["verdict"].tolist() == ["ok", "ok"]
-    for name, value in (("wall, s", 601.0), ("peak, GB", 8.1), ("exponent of time", 1.2), ("exponent of memory", 1.2)):
-        verdicts = bench.with_verdicts(table.assign(**{name: value}), tunnel_bench.LIMITS)["verdict"]
+    for name, value in (
+        ("wall, s", 601.0),
+        ("peak, GB", 8.1),
+        ("exponent of time", 1.2),
+        ("exponent of memory", 1.2),
+    ):
+        verdicts = bench.with_verdicts(table.assign(**{name: value}), tunnel_bench.LIMITS)[
+            "verdict"
+        ]
         assert verdicts[1] == "short"
 
 
@@ -77,10 +92,18 @@ def test_command(monkeypatch, tmp_path, capsys):
     ]
     columns = ["campaign", "points", "sections", *tunnel_bench.DECIMALS]
     asked = []
-    monkeypatch.setattr(tunnel_bench, "growing", lambda sizes: asked.extend(sizes) or pd.DataFrame(rows, columns=columns))
+    monkeypatch.setattr(
+        tunnel_bench,
+        "growing",
+        lambda sizes: asked.extend(sizes) or pd.DataFrame(rows, columns=columns),
+    )
     monkeypatch.setenv("ANALYSIS_OUTPUT", str(tmp_path))
     assert tunnel_bench.main(["--largest", "1.4"]) == 0
     assert asked == [0.45, 1.4]
     printed = capsys.readouterr().out
     assert "Limits" in printed and printed.count("  ok\n") == 2
-    assert {path.name for path in (tmp_path / "build" / "bench").iterdir()} == {"tunnel.png", "tunnel.svg", "tunnel.csv"}
+    assert {path.name for path in (tmp_path / "build" / "bench").iterdir()} == {
+        "tunnel.png",
+        "tunnel.svg",
+        "tunnel.csv",
+    }

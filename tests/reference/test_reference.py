@@ -1,6 +1,8 @@
-"""Problems that others have published with their answers: each a TOML file beside this one, with its source.
+"""Problems that others have published with their answers: each a TOML file beside this one, with
+its source.
 
-An answer given as text is right to its printed digits: ours may differ by half a unit of the last one.
+An answer given as text is right to its printed digits: ours may differ by half a unit of the last
+one.
 """
 
 import tomllib
@@ -37,7 +39,8 @@ def test_total_least_squares_of_slicot():
     A, b = np.column_stack([data["a1"], data["a2"], data["a3"]]), data["b"]
     estimate = analysis.tls(A, b)
     assert_printed(estimate.x, content["answer"]["x"])
-    # Φ of TLS is the square of the smallest singular value of [A | b]; the product of all four is the volume |R|.
+    # Φ of TLS is the square of the smallest singular value of [A | b]; the product of all four is
+    # the volume |R|.
     singular = np.linalg.svd(np.column_stack([A, b]), compute_uv=False)
     assert_printed(singular, content["answer"]["singular_values"])
     np.testing.assert_allclose(estimate.objective, singular[-1] ** 2, rtol=1e-10)
@@ -57,7 +60,9 @@ every_algorithm = pytest.mark.parametrize("algorithm", ALGORITHMS)
 
 
 def line(data, Q_x, Q_y, **options):
-    return analysis.wtls(ones_and(data["x"]), data["y"], Q_0=np.diag([0.0, 1.0]), Q_X=Q_x, Q_y=Q_y, **options)
+    return analysis.wtls(
+        ones_and(data["x"]), data["y"], Q_0=np.diag([0.0, 1.0]), Q_X=Q_x, Q_y=Q_y, **options
+    )
 
 
 def pearson_york(**options):
@@ -75,12 +80,17 @@ def test_weighted_line_of_pearson_and_york(algorithm):
 
 @pytest.mark.parametrize("accuracy", CONVENTIONS)
 def test_standard_errors_of_pearson_and_york(accuracy):
-    """The literature prints three of them for the same line: each is one convention's, and no other's."""
+    """The literature prints three of them for the same line: each is one convention's, and no
+    other's.
+    """
     estimate, printed = pearson_york(accuracy=accuracy)
     standard_errors = np.sqrt(np.diag(estimate.cofactor))
     assert_printed(standard_errors, printed[f"standard_errors_{accuracy}"])
     for other in set(CONVENTIONS) - {accuracy}:
-        assert np.any(np.abs(standard_errors - np.array(printed[f"standard_errors_{other}"], dtype=float)) > 2e-4)
+        assert np.any(
+            np.abs(standard_errors - np.array(printed[f"standard_errors_{other}"], dtype=float))
+            > 2e-4
+        )
 
 
 @every_algorithm
@@ -114,8 +124,12 @@ def test_plane_of_scikit_spatial():
     data, content = problem("skspatial_plane")
     A = np.column_stack([data["x"], data["y"], np.ones(4)])
     estimate = analysis.mixed_ls_tls(A, data["z"], exact_columns=[2])
-    np.testing.assert_allclose(estimate.x, [float(content["answer"][name]) for name in "abc"], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(estimate.objective, float(content["answer"]["sum_of_squares"]), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        estimate.x, [float(content["answer"][name]) for name in "abc"], rtol=0, atol=1e-14
+    )
+    np.testing.assert_allclose(
+        estimate.objective, float(content["answer"]["sum_of_squares"]), rtol=0, atol=1e-14
+    )
 
 
 def pcl_sphere():
@@ -134,7 +148,9 @@ def test_sphere_of_the_point_cloud_library():
 
 
 def test_printed_method_keeps_the_gross_error_of_the_point_cloud_library():
-    """One gross error in ten points masks itself in the root mean square: the method as printed rejects a good point."""
+    """One gross error in ten points masks itself in the root mean square: the method as printed
+    rejects a good point.
+    """
     points, truth, inliers = pcl_sphere()
     fit = analysis.fit_sphere(points, "igg3_wtls")
     assert fit.inliers[inliers] and not fit.inliers[:inliers].all()

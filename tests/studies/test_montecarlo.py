@@ -1,4 +1,6 @@
-"""Monte Carlo studies: independent of how the work is shared out, and what they must show for the sphere paper."""
+"""Monte Carlo studies: independent of how the work is shared out, and what they must show for the
+sphere paper.
+"""
 
 import inspect
 import warnings
@@ -48,9 +50,19 @@ def test_a_trial_is_the_fit_of_its_cloud(gross, studies):
     for name, trials in studies[2].items():
         fit = fit_sphere(gross[3], name)
         row = trials.iloc[3]
-        np.testing.assert_allclose(row[[f"delta_{p}_m" for p in "abcr"]].astype(float), fit.parameters - TRUTH, atol=1e-9)
-        expected = (fit.sigma_0, fit.sigma_s, fit.sigma_s_inliers, np.count_nonzero(~fit.inliers), fit.iterations)
-        found = row[["sigma_0", "sigma_s_m", "sigma_s_inliers_m", "rejected", "iterations"]].astype(float)
+        np.testing.assert_allclose(
+            row[[f"delta_{p}_m" for p in "abcr"]].astype(float), fit.parameters - TRUTH, atol=1e-9
+        )
+        expected = (
+            fit.sigma_0,
+            fit.sigma_s,
+            fit.sigma_s_inliers,
+            np.count_nonzero(~fit.inliers),
+            fit.iterations,
+        )
+        found = row[["sigma_0", "sigma_s_m", "sigma_s_inliers_m", "rejected", "iterations"]].astype(
+            float
+        )
         np.testing.assert_allclose(found, np.array(expected, dtype=float), rtol=1e-9)
         assert row["converged"] == fit.converged
 
@@ -58,7 +70,9 @@ def test_a_trial_is_the_fit_of_its_cloud(gross, studies):
 def test_what_does_not_converge_is_counted_and_not_shown(clean):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        study = sphere_study(clean[:5], TRUTH, {"short": {"method": "igg3_wtls", "max_iterations": 2}}, workers=1)
+        study = sphere_study(
+            clean[:5], TRUTH, {"short": {"method": "igg3_wtls", "max_iterations": 2}}, workers=1
+        )
     assert not study["short"]["converged"].any()
 
 
@@ -80,7 +94,12 @@ def test_points_are_left_alone(clean):
         (np.zeros((1, 5, 3)), TRUTH[:3], {}, r"expected \(a, b, c, r\), got shape \(3,\)"),
         (np.zeros((1, 5, 3)), TRUTH, {"chunk": 0}, "chunk: expected a positive"),
         (np.zeros((1, 5, 3)), TRUTH, {"workers": -1}, "workers: expected a positive"),
-        (np.zeros((1, 5, 3)), TRUTH, {"variants": {"x": {"method": "none"}}}, "method: expected one of"),
+        (
+            np.zeros((1, 5, 3)),
+            TRUTH,
+            {"variants": {"x": {"method": "none"}}},
+            "method: expected one of",
+        ),
     ],
 )
 def test_bad_input_is_named(points, truth, options, message):
@@ -109,7 +128,8 @@ def test_table_1_is_the_rounding_of_the_coordinates(studies):
     trials = studies[1]["ls"]
     assert trials["sigma_s_m"].median() == pytest.approx(2.87e-3, abs=0.05e-3)
     assert trials["sigma_0"].median() == pytest.approx(0.0816, abs=0.001)
-    # Two standard deviations either way hold the committed cloud, and of the redraws 95 % (with 300 of them, ± 2.5 %).
+    # Two standard deviations either way hold the committed cloud, and of the redraws 95 % (with 300
+    # of them, ± 2.5 %).
     for quantity, middle, limit in (("sigma_s_m", 2.87e-3, 0.15e-3), ("sigma_0", 0.0816, 0.0042)):
         near = trials[quantity].sub(middle).abs() < limit
         assert near[0] and near.mean() == pytest.approx(0.95, abs=0.025)
@@ -119,7 +139,9 @@ def test_spread_without_gross_errors(studies):
     table = spread(studies[1]).set_index("variant")
     sd = [f"sd_{name}_mm" for name in "abcr"]
     # The standard deviation of a standard deviation from 300 trials is 4 %.
-    np.testing.assert_allclose(table.loc["ls", sd].astype(float), [0.317, 0.317, 0.926, 0.756], rtol=0.13)
+    np.testing.assert_allclose(
+        table.loc["ls", sd].astype(float), [0.317, 0.317, 0.926, 0.756], rtol=0.13
+    )
     assert (table.loc["igg3_wtls", sd] > 1.4 * table.loc["ls", sd]).all()
     errors = [f"delta_{name}_m" for name in "abcr"]
     assert (studies[1]["tls"][errors] - studies[1]["ls"][errors]).abs().max().max() < 1.5e-4
@@ -142,7 +164,9 @@ def test_igg3_finds_the_five_gross_errors(gross, studies):
 
 def test_with_gross_errors_igg3_is_wtls_of_the_good_points(gross, studies):
     """Because they inflate the scale, no good point is given less weight."""
-    good = sphere_study(audit.good_points(gross), TRUTH, {"wtls": {"method": "wtls"}}, workers=1)["wtls"]
+    good = sphere_study(audit.good_points(gross), TRUTH, {"wtls": {"method": "wtls"}}, workers=1)[
+        "wtls"
+    ]
     np.testing.assert_allclose(studies[2]["igg3_wtls"]["delta_c_m"], good["delta_c_m"], atol=1e-6)
 
 
@@ -159,7 +183,9 @@ def test_wrong_sign_is_its_own_inverse():
 def test_printed_spheres_have_the_printed_errors():
     spheres = audit.printed_spheres(2, "ls")
     assert len(np.unique(spheres, axis=0)) == 16
-    np.testing.assert_allclose(np.abs(spheres - TRUTH), np.broadcast_to([0.0670, 0.0285, 0.1754, 0.2409], (16, 4)))
+    np.testing.assert_allclose(
+        np.abs(spheres - TRUTH), np.broadcast_to([0.0670, 0.0285, 0.1754, 0.2409], (16, 4))
+    )
 
 
 def test_least_sigma_0_is_a_lower_bound(gross, studies):
@@ -169,7 +195,10 @@ def test_least_sigma_0_is_a_lower_bound(gross, studies):
         for i in (0, 7):
             sphere = trials.iloc[i][[f"delta_{p}_m" for p in "abcr"]].to_numpy(float) + TRUTH
             good = audit.good_points(gross[i : i + 1])
-            whole, centre = audit._least(good, sphere[None], False), audit._least(good, sphere[None, :3], False)
+            whole, centre = (
+                audit._least(good, sphere[None], False),
+                audit._least(good, sphere[None, :3], False),
+            )
             assert centre <= whole <= trials["sigma_0"][i]
 
 
@@ -186,7 +215,9 @@ def test_printed_rows_that_contradict_themselves(clean):
 
 
 def test_normal_equation_accepts_a_true_fit(gross, studies, monkeypatch):
-    """The residuals of a real LS fit to points with gross errors pass the test that the printed ones fail."""
+    """The residuals of a real LS fit to points with gross errors pass the test that the printed
+    ones fail.
+    """
     trials = studies[2]["ls"].iloc[0]
     sphere = trials[[f"delta_{p}_m" for p in "abcr"]].to_numpy(float) + TRUTH
     monkeypatch.setattr(audit, "printed_spheres", lambda *_: np.repeat(sphere[None], 16, axis=0))
@@ -201,7 +232,9 @@ def test_igg3_readings_start_with_the_literal_one(clean, gross):
     literal = sphere_study(gross[:40], TRUTH, {"x": {"method": "igg3_wtls"}}, workers=1)["x"]
     assert table.loc[0, ["sigma", "weights"]].tolist() == ["rms", "cumulative"]
     assert table.loc[0, "sigma_0_2"] == pytest.approx(literal["sigma_0"].median())
-    assert table.loc[0, "a_ratio"] == pytest.approx(0.0026 / literal["delta_a_m"].abs().quantile(0.975))
+    assert table.loc[0, "a_ratio"] == pytest.approx(
+        0.0026 / literal["delta_a_m"].abs().quantile(0.975)
+    )
     assert "unit" not in set(table["sigma"])
 
 
@@ -211,15 +244,23 @@ def test_igg3_readings_start_with_the_literal_one(clean, gross):
 def test_every_number_outside_has_a_cause_and_no_other_has():
     every = pd.concat(comparisons())
     outside = every[every["verdict"] == OUTSIDE]
-    assert set(zip(outside["table"], outside["method"], outside["quantity"], strict=True)) == set(CAUSES)
+    assert set(zip(outside["table"], outside["method"], outside["quantity"], strict=True)) == set(
+        CAUSES
+    )
 
 
 def test_committed_tables_follow_from_the_rule():
     for table, frame in zip((1, 2), comparisons(), strict=True):
         numbers = printed_numbers(table)
         for number, row in zip(numbers, frame.itertuples(), strict=True):
-            assert (row.method, row.quantity, row.printed) == (number.method, number.quantity, number.value)
-            assert row.redraws == 10_000 and row.verdict == printed.verdict(number, row.median, row.lower, row.upper)
+            assert (row.method, row.quantity, row.printed) == (
+                number.method,
+                number.quantity,
+                number.value,
+            )
+            assert row.redraws == 10_000 and row.verdict == printed.verdict(
+                number, row.median, row.lower, row.upper
+            )
         assert REPRODUCED in set(frame["verdict"]) or table == 2
 
 

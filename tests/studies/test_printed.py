@@ -22,7 +22,9 @@ def printed(text, decimals):
 def find(table, method, quantity, sample=""):
     """The one printed number of that place."""
     (number,) = (
-        number for number in printed_numbers(table) if (number.method, number.quantity, number.sample) == (method, quantity, sample)
+        number
+        for number in printed_numbers(table)
+        if (number.method, number.quantity, number.sample) == (method, quantity, sample)
     )
     return number
 
@@ -38,7 +40,9 @@ def test_every_number_of_a_table_is_there_once(table, count):
 def test_the_quantities_of_the_simulations():
     for table in (1, 2):
         assert {(number.method, number.quantity) for number in printed_numbers(table)} == {
-            (method, quantity) for method in ("ls", "tls", "igg3_wtls") for quantity in published.SYMBOLS
+            (method, quantity)
+            for method in ("ls", "tls", "igg3_wtls")
+            for quantity in published.SYMBOLS
         }
 
 
@@ -63,7 +67,11 @@ def test_numbers_are_known_to_their_last_printed_digit(place, text, value, decim
 
 
 def test_sigma_0_of_ls_and_tls_is_an_area():
-    units = {(number.method, number.quantity): number.unit for table in (1, 2, 3) for number in printed_numbers(table)}
+    units = {
+        (number.method, number.quantity): number.unit
+        for table in (1, 2, 3)
+        for number in printed_numbers(table)
+    }
     areas = {place for place, unit in units.items() if unit == "m²"}
     assert areas == {("ls", "sigma_0"), ("tls", "sigma_0")}
     assert set(units.values()) == {"m", "m²"}
@@ -185,7 +193,9 @@ def test_comparison_table_has_a_row_a_printed_number(comparisons):
         assert frame["method"].tolist() == [number.method for number in numbers]
         np.testing.assert_array_equal(frame["ours"], frame["printed"])
     wrong = comparisons[0].query("verdict != @published.REPRODUCED")
-    assert wrong[["method", "quantity", "verdict"]].values.tolist() == [["igg3_wtls", "sigma_0", OUTSIDE]]
+    assert wrong[["method", "quantity", "verdict"]].values.tolist() == [
+        ["igg3_wtls", "sigma_0", OUTSIDE]
+    ]
     assert comparisons[1]["no_sphere"].sum() == 7
 
 
@@ -210,7 +220,10 @@ def test_headline_shows_every_number_as_printed(comparisons):
 
 def test_headline_is_the_same_from_the_files(comparisons, tmp_path, monkeypatch):
     monkeypatch.setenv("ANALYSIS_OUTPUT", str(tmp_path))
-    again = [tables.read(publish.write(frame, RESULTS / f"comparison_{i}.csv")) for i, frame in enumerate(comparisons)]
+    again = [
+        tables.read(publish.write(frame, RESULTS / f"comparison_{i}.csv"))
+        for i, frame in enumerate(comparisons)
+    ]
     assert headline.text(again) == headline.text(comparisons)
 
 
@@ -233,18 +246,34 @@ def test_the_registry_holds_every_number_and_statement_once():
     assert all(registry[number.id] == number for number in numbers)
     assert len(registry) == 78 + len(published.statements())
     assert all(name == entry.id for name, entry in registry.items())
-    assert {name.partition("/")[0] for name in registry} == {"ou_liu_2017", "wu_chen_wang", "li_2015"}
+    assert {name.partition("/")[0] for name in registry} == {
+        "ou_liu_2017",
+        "wu_chen_wang",
+        "li_2015",
+    }
 
 
 def test_every_line_of_the_files_is_a_statement_with_its_digits():
     lines = {}
     for path in sorted(PUBLISHED.glob("*statements.csv")):
         frame = pd.read_csv(path, dtype=str, keep_default_na=False)
-        papers = frame["paper"] if "paper" in frame else [path.stem.removesuffix("_statements")] * len(frame)
-        lines |= {f"{paper}/{key}": text for paper, key, text in zip(papers, frame["id"], frame["value"], strict=True)}
+        papers = (
+            frame["paper"]
+            if "paper" in frame
+            else [path.stem.removesuffix("_statements")] * len(frame)
+        )
+        lines |= {
+            f"{paper}/{key}": text
+            for paper, key, text in zip(papers, frame["id"], frame["value"], strict=True)
+        }
     assert {name: statement.text for name, statement in published.statements().items()} == lines
     percentage = published.statements()["ou_liu_2017/rel_radius_II_IGG"]
-    assert (percentage.text, percentage.value, percentage.half_unit, percentage.unit) == ("1.10", 1.1, 0.005, "percent")
+    assert (percentage.text, percentage.value, percentage.half_unit, percentage.unit) == (
+        "1.10",
+        1.1,
+        0.005,
+        "percent",
+    )
 
 
 def test_a_claim_has_words_and_no_value():
@@ -257,7 +286,10 @@ def test_a_claim_has_words_and_no_value():
 def test_two_statements_of_one_name_are_refused(monkeypatch, tmp_path):
     for path in PUBLISHED.glob("*statements.csv"):
         text = path.read_text(encoding="utf-8")
-        (tmp_path / path.name).write_text(text + text.splitlines()[1] + "\n" if path.stem.startswith("li") else text, encoding="utf-8")
+        (tmp_path / path.name).write_text(
+            text + text.splitlines()[1] + "\n" if path.stem.startswith("li") else text,
+            encoding="utf-8",
+        )
     monkeypatch.setattr(published.numbers, "PUBLISHED", tmp_path)
     with pytest.raises(ValueError, match="li_2015/tunnel_length twice"):
         published.statements()

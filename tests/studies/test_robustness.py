@@ -40,7 +40,9 @@ def test_trials_stay_the_same_when_their_number_grows():
 
 def test_share_interval_is_wilsons():
     low, high = share_interval(np.array([0, 50, 100]), 100)
-    np.testing.assert_allclose(low, [0, 40.38, 96.30], atol=0.01)  # Agresti & Coull 1998, table of the score interval
+    np.testing.assert_allclose(
+        low, [0, 40.38, 96.30], atol=0.01
+    )  # Agresti & Coull 1998, table of the score interval
     np.testing.assert_allclose(high, [3.70, 59.62, 100], atol=0.01)
 
 
@@ -56,8 +58,13 @@ def biases():
 def test_bias_of_the_known_methods(biases):
     for sigma, of_ls in ((2, -0.57), (5, -3.34)):
         here = biases.loc[80, sigma]
-        assert here.loc["ls", "along_mm"] == pytest.approx(of_ls, abs=4 * here.loc["ls", "along_se_mm"])
-        assert abs(here.loc["robust", "along_mm"]) < 4 * here.loc["robust", "along_se_mm"] + 0.03 * sigma
+        assert here.loc["ls", "along_mm"] == pytest.approx(
+            of_ls, abs=4 * here.loc["ls", "along_se_mm"]
+        )
+        assert (
+            abs(here.loc["robust", "along_mm"])
+            < 4 * here.loc["robust", "along_se_mm"] + 0.03 * sigma
+        )
     whole = biases.loc[180, 2]
     # σ²/r, and of a finite number of points a few percent of it more.
     assert whole.loc["geometric", "radius_mm"] == pytest.approx(1e3 * 0.002**2 / RADIUS, rel=0.1)
@@ -70,7 +77,11 @@ def test_every_variant_in_every_setting_in_order(biases):
 
 def test_centroid_variant_is_the_printed_wtls_of_shifted_points():
     table = bias.study([(80, 0.002)], draws=2, n=60, seed=4).set_index("variant")
-    uniform, normal = stacked(lambda generator: (generator.uniform(size=(60, 2)), generator.standard_normal((60, 3))), 2, 4)
+    uniform, normal = stacked(
+        lambda generator: (generator.uniform(size=(60, 2)), generator.standard_normal((60, 3))),
+        2,
+        4,
+    )
     errors = []
     for sign in (1, -1):
         points = TARGET[:3] + RADIUS * cap_normals(uniform, 80) + sign * 0.002 * normal
@@ -92,17 +103,33 @@ def test_fits_without_a_sphere_are_counted_and_left_out():
 def test_efficiency_against_the_theory_of_the_weight_function():
     table = efficiency.study(300, seed=1).set_index("variant")
     assert list(table.index) == list(efficiency.VARIANTS)
-    assert table.loc["geometric", "efficiency_percent"] == 100 and table.loc["geometric", "efficiency_se_percent"] == 0
-    assert table.loc["robust, k0 = 1.5, k1 = 2.5", "theory_percent"] == pytest.approx(76.6, abs=0.05)
+    assert (
+        table.loc["geometric", "efficiency_percent"] == 100
+        and table.loc["geometric", "efficiency_se_percent"] == 0
+    )
+    assert table.loc["robust, k0 = 1.5, k1 = 2.5", "theory_percent"] == pytest.approx(
+        76.6, abs=0.05
+    )
     assert np.isnan(table.loc["igg3_wtls", "theory_percent"])  # cumulative: there is no theory
-    for variant in ("ls", "eiv", "robust", "robust, k0 = 1.5, k1 = 2.5", "robust, k0 = 2.5, k1 = 5"):
+    for variant in (
+        "ls",
+        "eiv",
+        "robust",
+        "robust, k0 = 1.5, k1 = 2.5",
+        "robust, k0 = 2.5, k1 = 5",
+    ):
         row = table.loc[variant]
-        assert abs(row["efficiency_percent"] - row["theory_percent"]) < 4 * row["efficiency_se_percent"] + 0.5
+        assert (
+            abs(row["efficiency_percent"] - row["theory_percent"])
+            < 4 * row["efficiency_se_percent"] + 0.5
+        )
     np.testing.assert_allclose(table["sd_ratio"] ** -2, table["efficiency_percent"] / 100)
 
 
 def test_noise_of_the_efficiency_study_is_normal_and_as_large_as_rounding():
-    distances = np.linalg.norm(efficiency.clouds(40, seed=3) - SPHERE_CENTER, axis=-1) - SPHERE_RADIUS
+    distances = (
+        np.linalg.norm(efficiency.clouds(40, seed=3) - SPHERE_CENTER, axis=-1) - SPHERE_RADIUS
+    )
     assert np.std(distances) == pytest.approx(0.01 / np.sqrt(12), rel=0.02)
 
 
@@ -135,13 +162,17 @@ def test_clustered_gross_errors_are_neighbours():
 def test_breakdown_shares_are_counted_right():
     table = breakdown.study([0, 0.45], 20, 500, seed=1, patterns=["clustered", "uniform"])
     table = table.set_index(["pattern", "gross_percent", "variant"])
-    pd.testing.assert_frame_equal(table.loc["clustered", 0], table.loc["uniform", 0])  # clean clouds have no pattern
+    pd.testing.assert_frame_equal(
+        table.loc["clustered", 0], table.loc["uniform", 0]
+    )  # clean clouds have no pattern
     assert table.loc[("clustered", 45, "robust"), "within_percent"] == 100
     assert table.loc[("clustered", 45, breakdown.GOOD_POINTS), "within_percent"] == 100
     assert table.loc[("clustered", 45, "ls"), "within_percent"] == 0
     fit = fit_sphere(breakdown.replaced(CLEAN, "uniform", 225, seed=1), "geometric")
     errors = np.linalg.norm(fit.center - SPHERE_CENTER, axis=1)
-    assert table.loc[("uniform", 45, "geometric"), "median_error_mm"] == pytest.approx(1e3 * np.median(errors))
+    assert table.loc[("uniform", 45, "geometric"), "median_error_mm"] == pytest.approx(
+        1e3 * np.median(errors)
+    )
 
 
 # -------------------------------------------------------------------------------------------------------- coverage
@@ -154,21 +185,29 @@ def test_noise_of_the_coverage_study_has_the_cofactors_given(noise):
     errors = points - exact
     Q = 0.002**2 * np.eye(3) if cofactors is None else cofactors
     squares = np.einsum("bni,bni->bn", errors, np.linalg.solve(Q, errors[..., None])[..., 0])
-    assert squares.mean() == pytest.approx(3, abs=4 * np.sqrt(6 / squares.size))  # χ² with 3 degrees of freedom
+    assert squares.mean() == pytest.approx(
+        3, abs=4 * np.sqrt(6 / squares.size)
+    )  # χ² with 3 degrees of freedom
 
 
 def test_gross_errors_of_the_coverage_study_lie_inside():
     points, _ = coverage.clouds(10, 100, 1, 80, 0.2, 1e-9)
     distances = np.linalg.norm(points - TARGET[:3], axis=-1) - RADIUS
-    assert np.all((distances[:, :20] < -0.0099) & (distances[:, :20] > -0.0401)) and np.all(np.abs(distances[:, 20:]) < 1e-7)
+    assert np.all((distances[:, :20] < -0.0099) & (distances[:, :20] > -0.0401)) and np.all(
+        np.abs(distances[:, 20:]) < 1e-7
+    )
 
 
 def test_coverage_is_counted_right():
-    table = coverage.study(60, 50, 3, 80, [0, 0.2], {"isotropic": 0.002, "scanner": LEICA_C10}, ["ls", "robust"])
+    table = coverage.study(
+        60, 50, 3, 80, [0, 0.2], {"isotropic": 0.002, "scanner": LEICA_C10}, ["ls", "robust"]
+    )
     assert table[["noise", "gross_percent", "method"]].drop_duplicates().shape[0] == 8
     robust = table[table["method"] == "robust"]
     assert (robust["held_percent"] > 85).all() and (table["failed"] == 0).all()
-    assert (table[(table["method"] == "ls") & (table["gross_percent"] == 20)]["held_percent"] < 5).all()
+    assert (
+        table[(table["method"] == "ls") & (table["gross_percent"] == 20)]["held_percent"] < 5
+    ).all()
 
 
 def test_the_ellipsoid_is_that_of_fisher():
@@ -188,7 +227,11 @@ def test_what_failed_holds_nothing():
     fit = fit_sphere(points, "geometric")
     failed = fit.__class__(**{**fit.__dict__, "converged": np.array([True, False])})
     result = coverage._calibration(failed)
-    assert result["failed"].tolist() == [False, True] and not result["held"][1] and np.isnan(result["error_mm"][1])
+    assert (
+        result["failed"].tolist() == [False, True]
+        and not result["held"][1]
+        and np.isnan(result["error_mm"][1])
+    )
 
 
 # -------------------------------------------------------------------------------------------------------- collapse
@@ -199,11 +242,18 @@ def test_weighted_cumulative_scale_collapses_and_others_do_not():
     left = ends.groupby("variant", sort=False)["left"]
     assert list(left.groups) == list(collapse.VARIANTS)
     assert left.max()["weighted, cumulative"] < 60
-    assert left.min()["rms, cumulative"] > 450 and left.min()["weighted consistent, not cumulative"] > 480
+    assert (
+        left.min()["rms, cumulative"] > 450
+        and left.min()["weighted consistent, not cumulative"] > 480
+    )
     summary = collapse.summary(ends).set_index("variant")
-    assert summary.loc["weighted, cumulative", "left_median"] == left.median()["weighted, cumulative"]
+    assert (
+        summary.loc["weighted, cumulative", "left_median"] == left.median()["weighted, cumulative"]
+    )
     assert summary.loc["weighted, cumulative", "sigma_0_mm"] < 0.05
-    assert summary.loc["weighted, cumulative", "claims_convergence_percent"] == 100  # it does not notice
+    assert (
+        summary.loc["weighted, cumulative", "claims_convergence_percent"] == 100
+    )  # it does not notice
 
 
 def test_history_is_that_of_the_fit():

@@ -1,11 +1,15 @@
-"""What *the accuracy* of x means: three conventions of its cofactor, equal to first order in the errors.
+"""What *the accuracy* of x means: three conventions of its cofactor, equal to first order in the
+errors.
 
-With the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ of A, ``B = A + (∂S/∂x)λ``, ``V = Σ λ² Q`` and ``W = S⁻¹``:
+With the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ of A, ``B = A + (∂S/∂x)λ``, ``V = Σ λ² Q``
+and ``W = S⁻¹``:
 
 * ``gauss_newton``: ``(ÃᵀWÃ)⁻¹`` with ``Ã = A − Ẽ``. What ODRPACK and ISO/TS 28037 give.
-* ``inverse_hessian``: ``2(∇²Φ)⁻¹ = (BᵀWB − V)⁻¹``. That of maximum likelihood with the observed information.
-* ``propagated``: ``H⁻¹ J Q Jᵀ H⁻¹`` with ``H = ½∇²Φ``, ``J = ½∂²Φ/∂x∂ℓ``: the errors of the data ℓ = (A, y)
-  followed through the implicit function ``∇Φ(x, ℓ) = 0``. That of the guides to uncertainty.
+* ``inverse_hessian``: ``2(∇²Φ)⁻¹ = (BᵀWB − V)⁻¹``. That of maximum likelihood with the observed
+  information.
+* ``propagated``: ``H⁻¹ J Q Jᵀ H⁻¹`` with ``H = ½∇²Φ``, ``J = ½∂²Φ/∂x∂ℓ``: the errors of the data ℓ
+  = (A, y) followed through the implicit function ``∇Φ(x, ℓ) = 0``. That of the guides to
+  uncertainty.
 
 All are unscaled. They differ by terms of the relative size of the errors.
 """
@@ -21,8 +25,12 @@ from .problem import EIVProblem
 from .steps import derivatives, misclosures
 
 
-def gauss_newton_cofactor(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0) -> np.ndarray:
-    """Cofactor ``(ÃᵀWÃ)⁻¹`` of x with the adjusted rows ``Ã = A − Ẽ``, (…, m, m); ``weights`` ω act on whole rows."""
+def gauss_newton_cofactor(
+    problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """Cofactor ``(ÃᵀWÃ)⁻¹`` of x with the adjusted rows ``Ã = A − Ẽ``, (…, m, m); ``weights`` ω act
+    on whole rows.
+    """
     cofactors = problem.cofactors
     z, r = misclosures(problem, x)
     s = cofactors.misclosure(z)
@@ -37,10 +45,11 @@ def inverse_hessian_cofactor(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
 
 
 def propagated_cofactor(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """Cofactor ``H⁻¹ M H⁻¹`` of x at the solution, (…, m, m), by propagation through ``∇Φ(x, ℓ) = 0``.
+    """Cofactor ``H⁻¹ M H⁻¹`` of x at the solution, (…, m, m), by propagation through
+    ``∇Φ(x, ℓ) = 0``.
 
-    A change of the data gives ``d(½∇Φ) = −BᵀW dr − dAᵀλ``. With the cofactors S of dr and V of dAᵀλ, and T
-    between the two, that has the cofactor ``M = BᵀWB + BᵀWT + TᵀWB + V``.
+    A change of the data gives ``d(½∇Φ) = −BᵀW dr − dAᵀλ``. With the cofactors S of dr and V of
+    dAᵀλ, and T between the two, that has the cofactor ``M = BᵀWB + BᵀWT + TᵀWB + V``.
 
     Source: Malengo & Pennecchi 2013, there for a straight line.
     """
@@ -51,7 +60,8 @@ def propagated_cofactor(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     multipliers = cofactors.weigh(s, r[..., None, :])[..., 0, :]
     errors = cofactors.errors(z, multipliers)
     slope = cofactors.slope(z, multipliers, errors)
-    B, T = problem.rows[..., :m, :] - slope, slope - errors  # the slope is cov(A_j, r)λ = Ẽ_j and its transpose's part, T_j
+    # the slope is cov(A_j, r)λ = Ẽ_j and its transpose's part, T_j
+    B, T = problem.rows[..., :m, :] - slope, slope - errors
     weighed = cofactors.weigh(s, B)
     V = cofactors.weighted_sum(multipliers, multipliers)[..., :m, :m]
     BWB, BWT = weighed @ B.swapaxes(-1, -2), weighed @ T.swapaxes(-1, -2)

@@ -1,11 +1,13 @@
-"""IGG III-WTLS, the robust weighted total least squares of Ou & Liu 2017, as printed and as it can be read.
+"""IGG III-WTLS, the robust weighted total least squares of Ou & Liu 2017, as printed and as it can
+be read.
 
-The algorithm takes one Schaffrin-Wieser step, measures the distances from the new surface, turns them
-into weight factors and multiplies the weights by them, until the parameters stand still. What the paper
-leaves open (the scale of the residuals, the exponent, the first weights) is a keyword.
+The algorithm takes one Schaffrin-Wieser step, measures the distances from the new surface, turns
+them into weight factors and multiplies the weights by them, until the parameters stand still. What
+the paper leaves open (the scale of the residuals, the exponent, the first weights) is a keyword.
 
-The paper has it for the sphere. Any cloud that has a ``printed`` problem can be solved by it: one gives the
-problem with its printed cofactors, the distances that belong to its misclosures and the printed parameters.
+The paper has it for the sphere. Any cloud that has a ``printed`` problem can be solved by it: one
+gives the problem with its printed cofactors, the distances that belong to its misclosures and the
+printed parameters.
 """
 
 from __future__ import annotations
@@ -23,16 +25,20 @@ from .problem import EIVProblem
 from .steps import misclosures, objective, schaffrin_wieser_step
 from .weights import IGG3
 
-MAD_TO_SD = 1.482602218505602  # 1/Φ⁻¹(3/4): the median absolute deviation of a normal variable as a standard deviation
+# 1/Φ⁻¹(3/4): the median absolute deviation of a normal variable as a standard deviation
+MAD_TO_SD = 1.482602218505602
 
 
 class Printed(Protocol):
-    """The printed problem of a stack of clouds, in the clouds' own frames, and what leads back to the printed one."""
+    """The printed problem of a stack of clouds, in the clouds' own frames, and what leads back to
+    the printed one.
+    """
 
     problem: EIVProblem
     length: np.ndarray  # (B,) m, unit of the distances
 
-    def distances(self, x, r): ...  # signed orthogonal distances (B, n) in units of the length, from misclosures r
+    # signed orthogonal distances (B, n) in units of the length, from misclosures r
+    def distances(self, x, r): ...
 
     def parameters(self, x): ...  # (B, t) parameters of the surface, in m
 
@@ -55,15 +61,17 @@ def igg3_wtls(
     max_iterations: int = 1000,
     history: bool = False,
 ) -> Fit:
-    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in more than one way.
+    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in more than one
+    way.
 
-    One Schaffrin-Wieser step with the current weights, distances from the new surface, weight factors
-    ω(|d|/σ), new weights; until the step in the printed parameters X is below ``tolerance``. The defaults are the
-    literal reading.
+    One Schaffrin-Wieser step with the current weights, distances from the new surface, weight
+    factors ω(|d|/σ), new weights; until the step in the printed parameters X is below
+    ``tolerance``. The defaults are the literal reading.
 
-    scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term), ``rms_in`` of the
-        points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made consistent at the normal law, ``mad``
-        the median absolute distance (times 1.4826 n/(n − 4)), ``unit`` the unit-weight standard deviation
+    scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term),
+        ``rms_in`` of the points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made
+        consistent at the normal law, ``mad`` the median absolute distance (times 1.4826 n/(n − 4)),
+        ``unit`` the unit-weight standard deviation
     power : 1 as printed in eq. (13), 2 the usual IGG III
     cumulative : True as printed in step 6, P ← P·ω; False the text of section 1.3, P = P_base·ω
     unit_weight : P_X of the first iteration, which the paper does not give
@@ -71,9 +79,9 @@ def igg3_wtls(
     start : weights of the first solution, ``Q_Y`` as printed in eq. (15) or ``P_Y``, its inverse
     history : keep every iteration (one cloud only)
 
-    σ0 = √(λᵀ(Y − AX)/(n − 4)) in m over all n points, rejected ones included, as printed; the covariance is
-    that of weighted least squares with the final weights, which is what the paper's theory offers and is
-    too optimistic, since the weights come from the same residuals.
+    σ0 = √(λᵀ(Y − AX)/(n − 4)) in m over all n points, rejected ones included, as printed; the
+    covariance is that of weighted least squares with the final weights, which is what the paper's
+    theory offers and is too optimistic, since the weights come from the same residuals.
 
     Source: Ou & Liu 2017, eqs. (11)-(18).
     """
@@ -89,12 +97,16 @@ def igg3_wtls(
     printed = cloud.printed(base)
     problem = printed.problem
     # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
-    x = _weighted_solution(problem, problem.cofactors.h if start == "Q_Y" else 1.0 / problem.cofactors.h)
+    x = _weighted_solution(
+        problem, problem.cofactors.h if start == "Q_Y" else 1.0 / problem.cofactors.h
+    )
     x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
     iterations = []
 
     def advance(printed: Printed, state):
-        """Steps 3 to 7; the state: X(i), its misclosures, the weights used for X(i) and those to be used next."""
+        """Steps 3 to 7; the state: X(i), its misclosures, the weights used for X(i) and those to be
+        used next.
+        """
         x, z, r, _, weights = state
         new = schaffrin_wieser_step(printed.problem, x, weights, (z, r))
         z, r = misclosures(printed.problem, new)
@@ -102,10 +114,20 @@ def igg3_wtls(
         sigma = estimate_scale(printed, new, distances, weights, function)
         factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
         moved = printed.step(new - x)
-        lost = ~np.isfinite(moved + sigma) | (np.count_nonzero(weights, axis=-1) < problem.parameters)
+        lost = ~np.isfinite(moved + sigma) | (
+            np.count_nonzero(weights, axis=-1) < problem.parameters
+        )
         if history:
-            iterations.append(Iteration(printed.parameters(new)[0], sigma[0] * printed.length[0], weights[0]))
-        state = np.where(lost[:, None], x, new), z, r, weights, weights * factors if cumulative else factors
+            iterations.append(
+                Iteration(printed.parameters(new)[0], sigma[0] * printed.length[0], weights[0])
+            )
+        state = (
+            np.where(lost[:, None], x, new),
+            z,
+            r,
+            weights,
+            weights * factors if cumulative else factors,
+        )
         return state, np.select([lost, moved < tolerance], [1, 2], 0)
 
     endings = [
@@ -144,16 +166,28 @@ def _rms_weighted(printed, x, distances, weights, function):
 
 
 def _rms_weighted_consistent(printed, x, distances, weights, function):
-    return _rms_weighted(printed, x, distances, weights, function) / np.sqrt(function.consistency_factor)
+    return _rms_weighted(printed, x, distances, weights, function) / np.sqrt(
+        function.consistency_factor
+    )
 
 
 def _mad(printed, x, distances, weights, function):
     n = distances.shape[-1]
-    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(n - printed.problem.parameters, 1)
+    return (
+        MAD_TO_SD
+        * np.median(np.abs(distances), axis=-1)
+        * n
+        / max(n - printed.problem.parameters, 1)
+    )
 
 
 def _unit_weight(printed, x, distances, weights, function):
-    return unit_weight_sd(objective(printed.problem, x, weights), distances.shape[-1] - printed.problem.parameters) / printed.length
+    return (
+        unit_weight_sd(
+            objective(printed.problem, x, weights), distances.shape[-1] - printed.problem.parameters
+        )
+        / printed.length
+    )
 
 
 SCALES = {

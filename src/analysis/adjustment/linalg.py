@@ -36,7 +36,9 @@ def cofactor_from_factor(R: np.ndarray) -> np.ndarray:
 
 
 def cofactor_from_normal(N: np.ndarray) -> np.ndarray:
-    """Cofactor ``N⁻¹`` of parameters from a symmetric normal matrix ``(…, m, m)``, symmetric to the last bit."""
+    """Cofactor ``N⁻¹`` of parameters from a symmetric normal matrix ``(…, m, m)``, symmetric to the
+    last bit.
+    """
     cofactor = solve(N, np.broadcast_to(np.eye(N.shape[-1]), N.shape))
     return 0.5 * (cofactor + cofactor.swapaxes(-1, -2))
 

@@ -29,7 +29,9 @@ from .linalg import solve
 
 
 class IndependentRows:
-    """What the structures with independent rows share: a misclosure cofactor s (…, n), one number a row."""
+    """What the structures with independent rows share: a misclosure cofactor s (…, n), one number a
+    row.
+    """
 
     @staticmethod
     def weigh(s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
@@ -42,7 +44,9 @@ class IndependentRows:
 
     @staticmethod
     def slope(z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
-        """``−(∂S/∂x_j) λ``, (…, m, n), from the predicted errors: twice these, because each Q_i is symmetric."""
+        """``−(∂S/∂x_j) λ``, (…, m, n), from the predicted errors: twice these, because each Q_i is
+        symmetric.
+        """
         return 2.0 * errors
 
 
@@ -69,15 +73,26 @@ class CommonCofactors(IndependentRows):
 
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
         """``Σ λ_i t_i Q_i``, (…, m+1, m+1), without what h adds to its last element."""
-        return np.einsum("...n,...n,...n->...", multipliers, t, np.broadcast_to(self.g, t.shape))[..., None, None] * self.C
+        return (
+            np.einsum("...n,...n,...n->...", multipliers, t, np.broadcast_to(self.g, t.shape))[
+                ..., None, None
+            ]
+            * self.C
+        )
 
     def transformed(self, L: np.ndarray) -> CommonCofactors:
-        """The cofactors of the rows ``L ℓ_i``; the last column of L must be a multiple of e, so that h stays y's own."""
-        return CommonCofactors(L @ self.C @ L.swapaxes(-1, -2), self.g, self.h * L[..., -1, -1, None] ** 2)
+        """The cofactors of the rows ``L ℓ_i``; the last column of L must be a multiple of e, so
+        that h stays y's own.
+        """
+        return CommonCofactors(
+            L @ self.C @ L.swapaxes(-1, -2), self.g, self.h * L[..., -1, -1, None] ** 2
+        )
 
     def flattened(self, lead: tuple[int, ...]) -> CommonCofactors:
         """The same, for a stack whose leading axes ``lead`` are made one."""
-        return CommonCofactors(*(_flat(array, lead, core) for array, core in ((self.C, 2), (self.g, 1), (self.h, 1))))
+        return CommonCofactors(
+            *(_flat(array, lead, core) for array, core in ((self.C, 2), (self.g, 1), (self.h, 1)))
+        )
 
     def __getitem__(self, keep) -> CommonCofactors:
         return CommonCofactors(self.C[keep], self.g[keep], self.h[keep])
@@ -111,7 +126,8 @@ class RowCofactors(IndependentRows):
 
 @dataclass(frozen=True)
 class DenseCofactors:
-    """Any joint cofactor of all rows: blocks ``Q[…, j, k]`` (n, n) = cov(column j, column k), y last.
+    """Any joint cofactor of all rows: blocks ``Q[…, j, k]`` (n, n) = cov(column j, column k), y
+    last.
 
     The only place where an n×n matrix is formed: for problems correlated from row to row, and
     to check the others.
@@ -137,21 +153,32 @@ class DenseCofactors:
 
     @staticmethod
     def weigh(S: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
-        """``S⁻¹`` times each of the ``columns``; correlated rows take no weights of their own, so ω is 1."""
+        """``S⁻¹`` times each of the ``columns``; correlated rows take no weights of their own, so ω
+        is 1.
+        """
         return solve(S, columns.swapaxes(-1, -2)).swapaxes(-1, -2)
 
     def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        return np.einsum("...jkab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[..., :-1, :]
+        return np.einsum("...jkab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[
+            ..., :-1, :
+        ]
 
     def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
         """``−(∂S/∂x_j) λ``, (…, m, n): the predicted errors and their transposed counterpart."""
-        return errors + np.einsum("...kjab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[..., :-1, :]
+        return (
+            errors
+            + np.einsum("...kjab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[
+                ..., :-1, :
+            ]
+        )
 
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
         return np.einsum("...a,...jkab,...b->...jk", multipliers, self.Q, t, optimize=True)
 
     def transformed(self, L: np.ndarray) -> DenseCofactors:
-        return DenseCofactors(np.einsum("...ij,...jkab,...lk->...ilab", L, self.Q, L, optimize=True))
+        return DenseCofactors(
+            np.einsum("...ij,...jkab,...lk->...ilab", L, self.Q, L, optimize=True)
+        )
 
     def flattened(self, lead: tuple[int, ...]) -> DenseCofactors:
         return DenseCofactors(_flat(self.Q, lead, 4))
@@ -178,7 +205,9 @@ class EIVProblem:
     def flattened(self) -> EIVProblem:
         """The same stack with a single leading axis."""
         lead = self.rows.shape[:-2]
-        return EIVProblem(self.rows.reshape((-1,) + self.rows.shape[-2:]), self.cofactors.flattened(lead))
+        return EIVProblem(
+            self.rows.reshape((-1,) + self.rows.shape[-2:]), self.cofactors.flattened(lead)
+        )
 
     def __getitem__(self, keep) -> EIVProblem:
         """The problems of a stack that ``keep`` (a mask over the leading axis) selects."""

@@ -1,4 +1,5 @@
-"""Quasi-Newton minimisation of ``Φ(x) = rᵀS⁻¹r``: gradients only, the Hessian is learned on the way.
+"""Quasi-Newton minimisation of ``Φ(x) = rᵀS⁻¹r``: gradients only, the Hessian is learned on the
+way.
 
     x⁺ = x + α d,    d = −H ∇Φ(x),    H ≈ (∇²Φ)⁻¹                  (Wu, Chen & Wang)
 
@@ -18,14 +19,16 @@ from .iteration import ROUNDING, Ended, iterate
 from .problem import EIVProblem
 from .steps import value_and_gradient
 
-ARMIJO, CURVATURE = 1e-4, 0.9  # c1 and c2 of the Wolfe conditions, Nocedal & Wright 2006, section 3.1
+# c1 and c2 of the Wolfe conditions, Nocedal & Wright 2006, section 3.1
+ARMIJO, CURVATURE = 1e-4, 0.9
 APPROXIMATE = 0.1  # δ of the approximate Wolfe conditions, Hager & Zhang 2005
 ROUNDED = 1e-12  # relative rise of Φ that is put down to rounding
 TRIALS = 60  # steps tried along a direction before it is given up
 
 
 def bfgs(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """``(I − ρ s vᵀ) H (I − ρ v sᵀ) + ρ s sᵀ`` with ``ρ = 1/(vᵀs)``, for the step s and the change v of the gradient.
+    """``(I − ρ s vᵀ) H (I − ρ v sᵀ) + ρ s sᵀ`` with ``ρ = 1/(vᵀs)``, for the step s and the change
+    v of the gradient.
 
     Source: Broyden, Fletcher, Goldfarb and Shanno 1970; Nocedal & Wright 2006, eq. (6.17).
 
@@ -48,7 +51,11 @@ def dfp(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
     array([1., 1.])
     """
     Hv = _times(H, v)
-    return H + _outer(s, s) / _dot(s, v)[..., None, None] - _outer(Hv, Hv) / _dot(v, Hv)[..., None, None]
+    return (
+        H
+        + _outer(s, s) / _dot(s, v)[..., None, None]
+        - _outer(Hv, Hv) / _dot(v, Hv)[..., None, None]
+    )
 
 
 def minimised(
@@ -62,12 +69,14 @@ def minimised(
 ) -> tuple[np.ndarray, Ended]:
     """Minimum of Φ from x (B, m) for a stack of problems.
 
-    update : :func:`bfgs` or :func:`dfp`; left out where ``vᵀs ≤ 1e-12 |v||s|``, so that H stays positive definite.
-    tolerance : relative length below which both the last step and the Gauss-Newton step that would be next
-        have to fall. (With an H that is still far too small the last step says nothing.)
+    update : :func:`bfgs` or :func:`dfp`; left out where ``vᵀs ≤ 1e-12 |v||s|``, so that H stays
+        positive definite.
+    tolerance : relative length below which both the last step and the Gauss-Newton step that would
+        be next have to fall. (With an H that is still far too small the last step says nothing.)
     watch : called with every x and the number of steps tried along its direction.
-    H_0 : (B, m, m) inverse Hessian of f to begin with, or None for Gauss-Newton's ``(ÃᵀWÃ)⁻¹`` at the start.
-        That is taken up again where rounding has spoilt H so far that d does not lead downhill.
+    H_0 : (B, m, m) inverse Hessian of f to begin with, or None for Gauss-Newton's ``(ÃᵀWÃ)⁻¹`` at
+        the start. That is taken up again where rounding has spoilt H so far that d does not lead
+        downhill.
     """
 
     def advance(problem, state):
@@ -84,11 +93,21 @@ def minimised(
             watch(new, tried)
         learns = _dot(v, s) > 1e-12 * _length(v) * _length(s)
         H = np.where(learns[:, None, None], update(H, s, v), H)
-        length, size = np.maximum(_length(s), _length(_times(gauss_newton, new_gradient))), _length(new)
+        length, size = (
+            np.maximum(_length(s), _length(_times(gauss_newton, new_gradient))),
+            _length(new),
+        )
         lost, stuck = ~np.isfinite(length), alpha == 0
         stalled = (length <= ROUNDING * size) & ((length >= last) | stuck)
         ending = np.select([lost, length <= tolerance * size, stalled, stuck], [1, 2, 3, 4], 0)
-        return (np.where(lost[:, None], x, new), H, gauss_newton, new_value, new_gradient, length), ending
+        return (
+            np.where(lost[:, None], x, new),
+            H,
+            gauss_newton,
+            new_value,
+            new_gradient,
+            length,
+        ), ending
 
     endings = [
         (False, "not converged: Φ or its gradient is not finite"),
@@ -96,7 +115,8 @@ def minimised(
         (True, "the step reached rounding level"),
         (False, "not converged: no lower Φ was found along the direction of search"),
     ]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a lost problem is reported by its ending
+    # a lost problem is reported by its ending
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         value, gradient = value_and_gradient(problem, x)
         gauss_newton = gauss_newton_cofactor(problem, x)
         H = gauss_newton if H_0 is None else H_0
@@ -105,20 +125,23 @@ def minimised(
     return ended.state[0], ended
 
 
-def line_search(problem: EIVProblem, x, d, value, gradient, armijo: float = ARMIJO, curvature: float = CURVATURE):
-    """Step lengths α (B,) along d that meet the strong Wolfe conditions, with ``φ(α) = f(x + α d)``, f = Φ/2:
+def line_search(
+    problem: EIVProblem, x, d, value, gradient, armijo: float = ARMIJO, curvature: float = CURVATURE
+):
+    """Step lengths α (B,) along d that meet the strong Wolfe conditions, with
+    ``φ(α) = f(x + α d)``, f = Φ/2:
 
         φ(α) ≤ φ(0) + c1 α φ'(0)    and    |φ'(α)| ≤ c2 |φ'(0)|
 
-    or, where rounding hides the fall of φ near the minimum, ``φ'(α) ≤ (2δ − 1) φ'(0)`` and a φ(α) that is φ(0)
-    to rounding in place of the first. Without that, the search ends where φ falls by less than its last
-    digits, and x is good to half of its digits only. A bracket, α = 1 first, is widened by the secant of φ'
-    until it holds such a step, and then narrowed.
+    or, where rounding hides the fall of φ near the minimum, ``φ'(α) ≤ (2δ − 1) φ'(0)`` and a φ(α)
+    that is φ(0) to rounding in place of the first. Without that, the search ends where φ falls by
+    less than its last digits, and x is good to half of its digits only. A bracket, α = 1 first, is
+    widened by the secant of φ' until it holds such a step, and then narrowed.
 
     problem : stack of B problems; x, d : (B, m); value, gradient : (B,), (B, m) of f at x.
 
-    Returns α, the value and the gradient of f at x + α d, and the number of steps tried, (B,). Where none is
-    found α is 0.
+    Returns α, the value and the gradient of f at x + α d, and the number of steps tried, (B,).
+    Where none is found α is 0.
 
     Source: Nocedal & Wright 2006, section 3.5; Hager & Zhang 2005, eqs. (1.6)-(1.8).
     """
@@ -127,7 +150,8 @@ def line_search(problem: EIVProblem, x, d, value, gradient, armijo: float = ARMI
     accepted, tried = np.zeros(count), np.zeros(count, dtype=int)
     new_value, new_gradient = value.copy(), gradient.copy()
     alpha = np.ones(count)
-    low, high = np.stack([np.zeros(count), value, slope]), np.full((3, count), np.inf)  # α, φ, φ' at the ends of the bracket
+    # α, φ, φ' at the ends of the bracket
+    low, high = np.stack([np.zeros(count), value, slope]), np.full((3, count), np.inf)
     searched = np.arange(count)
     for _ in range(TRIALS):
         here = problem if len(searched) == count else problem[searched]
@@ -152,16 +176,20 @@ def line_search(problem: EIVProblem, x, d, value, gradient, armijo: float = ARMI
 
 @np.errstate(divide="ignore", invalid="ignore")  # a bracket without an upper end is infinite
 def _next_trial(low: np.ndarray, high: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Where φ' should vanish: within the bracket, 0.1 of its width from its ends; with no upper end yet, 2 to 10 times the lower.
+    """Where φ' should vanish: within the bracket, 0.1 of its width from its ends; with no upper end
+    yet, 2 to 10 times the lower.
 
-    By the parabola through φ, φ' and φ where φ has risen, else (it has not, or rounding hides it) by the secant of φ'.
+    By the parabola through φ, φ' and φ where φ has risen, else (it has not, or rounding hides it)
+    by the secant of φ'.
     """
     (a, phi, steep), (b, end_phi, end_steep) = low, high
     width = b - a
     secant = a + width * steep / (steep - end_steep)
     parabola = a - 0.5 * steep * width**2 / (end_phi - phi - steep * width)
     inside = np.where(end_phi > phi * (1 + ROUNDED), parabola, secant)
-    inside = np.where(np.isfinite(inside), np.clip(inside, a + 0.1 * width, b - 0.1 * width), a + 0.5 * width)
+    inside = np.where(
+        np.isfinite(inside), np.clip(inside, a + 0.1 * width, b - 0.1 * width), a + 0.5 * width
+    )
     ahead = a * slope / (slope - steep)
     ahead = np.where(ahead > 0, np.clip(ahead, 2 * a, 10 * a), 10 * a)
     return np.where(np.isfinite(b), inside, ahead)

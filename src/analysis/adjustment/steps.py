@@ -1,12 +1,12 @@
 """One step of each iteration for weighted total least squares, ``min Φ(x) = rᵀS(x)⁻¹r``.
 
-With the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ of A and the adjusted rows ``Ã = A − Ẽ`` the
-gradient is ``½∇Φ = −Ãᵀλ``, and every iteration known for the problem moves by
+With the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ of A and the adjusted rows ``Ã = A − Ẽ``
+the gradient is ``½∇Φ = −Ãᵀλ``, and every iteration known for the problem moves by
 
     x⁺ = x + N⁻¹ Ãᵀλ
 
-They differ only in the matrix N that stands for half the Hessian, hence in speed and not in the solution
-(W = S⁻¹, B = A less the slope of S, V = Σ λ² Q):
+They differ only in the matrix N that stands for half the Hessian, hence in speed and not in the
+solution (W = S⁻¹, B = A less the slope of S, V = Σ λ² Q):
 
 ====================  ==============  =================================================
 step                  N               source
@@ -19,7 +19,8 @@ fang                  AᵀWA            Fang 2013, algorithm 1
 mahboub               ÃᵀWA            Mahboub 2012
 ====================  ==============  =================================================
 
-The sources print most of them as ``x⁺ = N⁻¹(…)``. The increment is the same and loses less to rounding.
+The sources print most of them as ``x⁺ = N⁻¹(…)``. The increment is the same and loses less to
+rounding.
 
 A step takes a problem or a stack of them and x (…, m), and returns x⁺; where N is singular, NaN.
 
@@ -49,16 +50,22 @@ def misclosures(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def objective(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0) -> np.ndarray:
-    """``Φ(x) = Σ ω r²/s`` (in dense form ``rᵀS⁻¹r``), the least weighted sum of squared errors that x allows."""
+    """``Φ(x) = Σ ω r²/s`` (in dense form ``rᵀS⁻¹r``), the least weighted sum of squared errors that
+    x allows.
+    """
     z, r = misclosures(problem, x)
-    multipliers = problem.cofactors.weigh(problem.cofactors.misclosure(z), r[..., None, :], weights)[..., 0, :]
+    multipliers = problem.cofactors.weigh(
+        problem.cofactors.misclosure(z), r[..., None, :], weights
+    )[..., 0, :]
     return np.sum(multipliers * r, axis=-1)
 
 
 def value_and_gradient(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``Φ`` (…) and half its gradient ``½∇Φ = −Ãᵀλ`` (…, m)."""
     z, r = misclosures(problem, x)
-    multipliers = problem.cofactors.weigh(problem.cofactors.misclosure(z), r[..., None, :])[..., 0, :]
+    multipliers = problem.cofactors.weigh(problem.cofactors.misclosure(z), r[..., None, :])[
+        ..., 0, :
+    ]
     adjusted = problem.rows[..., :-1, :] - problem.cofactors.errors(z, multipliers)
     return np.sum(multipliers * r, axis=-1), -_times(adjusted, multipliers)
 
@@ -66,7 +73,8 @@ def value_and_gradient(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, 
 def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``Φ = rᵀS⁻¹r`` with half its gradient (…, m) and half its exact Hessian (…, m, m).
 
-    ``½∇Φ = −(A − Ẽ)ᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``λ = S⁻¹r``, ``B = A − slope``, ``V = Σ λ² Q``.
+    ``½∇Φ = −(A − Ẽ)ᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``λ = S⁻¹r``, ``B = A − slope``,
+    ``V = Σ λ² Q``.
     Source: Fang 2013, for independent rows; the slope is that of S in full.
     """
     m = problem.parameters
@@ -84,10 +92,11 @@ def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """One Newton step with the exact Hessian; where Φ would not fall a Gauss-Newton step, halved until it does.
+    """One Newton step with the exact Hessian; where Φ would not fall a Gauss-Newton step, halved
+    until it does.
 
-    Far from the solution the Hessian need not be positive definite, and a Newton step can lead to a saddle. A
-    Gauss-Newton step always starts downhill.
+    Far from the solution the Hessian need not be positive definite, and a Newton step can lead to a
+    saddle. A Gauss-Newton step always starts downhill.
     """
     value, gradient, hessian = derivatives(problem, x)
     step = -solve(hessian, gradient[..., None])[..., 0]
@@ -106,12 +115,15 @@ def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     return x + np.where(good[..., None], step, other)
 
 
-def schaffrin_wieser_step(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0, known=None) -> np.ndarray:
+def schaffrin_wieser_step(
+    problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0, known=None
+) -> np.ndarray:
     """One step ``x⁺ = (AᵀWA − V)⁻¹ (AᵀWy − v)`` from x; robust ``weights`` ω ≥ 0 act on whole rows.
 
-    ``W = ω/s``, ``t = r/s`` and ``[V v] = Σ ω t² Q_i`` (for the Kronecker form V = ν Q_0). Computed as the
-    increment ``(AᵀWA − V)⁻¹ (AᵀWr + Vx − v)``, which is the same and loses less to rounding. Nothing is
-    divided by ω, so a weight of zero takes its row out and leaves no NaN behind. ``known`` are the
+    ``W = ω/s``, ``t = r/s`` and ``[V v] = Σ ω t² Q_i`` (for the Kronecker form V = ν Q_0). Computed
+    as the increment ``(AᵀWA − V)⁻¹ (AᵀWr + Vx − v)``, which is the same and loses less to rounding.
+    Nothing is divided by ω, so a weight of zero takes its row out and leaves no NaN behind.
+    ``known`` are the
     :func:`misclosures` at x where a caller has them already.
 
     Source: Schaffrin & Wieser 2008; Ou & Liu 2017, eqs. (16)-(17), with V and v extended to any
@@ -143,7 +155,8 @@ def shen_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
 def amiri_simkooei_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     """One step ``x⁺ = (ÃᵀWÃ)⁻¹ ÃᵀWỹ`` with ``ỹ = y − Ẽx``: least squares of the adjusted rows.
 
-    In exact arithmetic it is :func:`shen_step`, because ``ỹ − Ãx = r``; here as its authors print it.
+    In exact arithmetic it is :func:`shen_step`, because ``ỹ − Ãx = r``; here as its authors print
+    it.
     Source: Amiri-Simkooei & Jazaeri 2012.
     """
     columns, errors, s, _ = _adjustment(problem, x)
@@ -174,8 +187,12 @@ def mahboub_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     return x + solve(N, _times(adjusted, multipliers)[..., None])[..., 0]
 
 
-def _adjustment(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """At x: the columns of A and their predicted errors (…, m, n), the cofactor of the misclosures, the multipliers (…, n)."""
+def _adjustment(
+    problem: EIVProblem, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """At x: the columns of A and their predicted errors (…, m, n), the cofactor of the misclosures,
+    the multipliers (…, n).
+    """
     z, r = misclosures(problem, x)
     s = problem.cofactors.misclosure(z)
     multipliers = problem.cofactors.weigh(s, r[..., None, :])[..., 0, :]

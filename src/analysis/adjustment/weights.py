@@ -1,17 +1,18 @@
 """Weight functions of M-estimation.
 
-An M-estimator minimises Σ ρ(uᵢ) over the standardised residuals u = V/σ, or solves Σ ψ(uᵢ) ∂uᵢ/∂x = 0 with
-ψ = ρ′, or repeats a least-squares fit with the weight factors ω(u) = ψ(u)/u: three faces of one function.
-Each class here is one such function, written down for t = |u|; its constants at the normal law follow.
-A new weight function is one such class and one line in `WEIGHT_FUNCTIONS`. Everything is dimensionless.
+An M-estimator minimises Σ ρ(uᵢ) over the standardised residuals u = V/σ, or solves Σ ψ(uᵢ) ∂uᵢ/∂x =
+0 with ψ = ρ′, or repeats a least-squares fit with the weight factors ω(u) = ψ(u)/u: three faces of
+one function. Each class here is one such function, written down for t = |u|; its constants at the
+normal law follow. A new weight function is one such class and one line in `WEIGHT_FUNCTIONS`.
+Everything is dimensionless.
 
 References
 ----------
 Beaton & Tukey (1974), Technometrics 16, 147-185.
-Hampel, Ronchetti, Rousseeuw & Stahel (1986), Robust Statistics: The Approach Based on Influence Functions, Wiley.
-Huber (1964), Annals of Mathematical Statistics 35, 73-101.
-Krarup, Juhl & Kubik (1980), Götterdämmerung over least squares adjustment, 14th ISP Congress, Hamburg.
-Ou & Liu (2017), doi:10.7510/jgjs.issn.1001-3806.2017.05.026.
+Hampel, Ronchetti, Rousseeuw & Stahel (1986), Robust Statistics: The Approach Based on Influence
+Functions, Wiley. Huber (1964), Annals of Mathematical Statistics 35, 73-101.
+Krarup, Juhl & Kubik (1980), Götterdämmerung over least squares adjustment, 14th ISP Congress,
+Hamburg. Ou & Liu (2017), doi:10.7510/jgjs.issn.1001-3806.2017.05.026.
 Yang, Song & Xu (2002), Journal of Geodesy 76, 353-358.
 Zhou (1989), Acta Geodaetica et Cartographica Sinica 18, 115-120.
 """
@@ -25,7 +26,16 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import quad
 
-__all__ = ["WEIGHT_FUNCTIONS", "IGG1", "IGG3", "Bisquare", "Danish", "Hampel", "Huber", "WeightFunction"]
+__all__ = [
+    "WEIGHT_FUNCTIONS",
+    "IGG1",
+    "IGG3",
+    "Bisquare",
+    "Danish",
+    "Hampel",
+    "Huber",
+    "WeightFunction",
+]
 
 
 def _magnitude(u):
@@ -34,7 +44,8 @@ def _magnitude(u):
 
 
 class WeightFunction(ABC):
-    """An even loss ρ with its derivatives ψ and ψ′, its weight ω and its constants at the standard normal law.
+    """An even loss ρ with its derivatives ψ and ψ′, its weight ω and its constants at the standard
+    normal law.
 
     The four functions take u of any shape; 0 and ±∞ are allowed, and NaN stays NaN.
 
@@ -47,12 +58,18 @@ class WeightFunction(ABC):
 
     @property
     def kinks(self):
-        """The values of |u|, ascending, between which ψ is smooth: the thresholds, which are the float fields."""
-        return tuple(getattr(self, field.name) for field in fields(self) if field.type in (float, "float"))
+        """The values of |u|, ascending, between which ψ is smooth: the thresholds, which are the
+        float fields.
+        """
+        return tuple(
+            getattr(self, field.name) for field in fields(self) if field.type in (float, "float")
+        )
 
     @property
     def support(self):
-        """The rejection point: ω(u) = 0 from |u| = support on. Infinite if no residual is rejected outright."""
+        """The rejection point: ω(u) = 0 from |u| = support on. Infinite if no residual is rejected
+        outright.
+        """
         return self.kinks[-1]
 
     def rho(self, u):
@@ -79,7 +96,9 @@ class WeightFunction(ABC):
 
     @property
     def mean_psi_prime(self):
-        """E[ψ′] for normal u, computed as E[uψ] = E[ωu²] (Stein's lemma), so that a jump of ψ counts."""
+        """E[ψ′] for normal u, computed as E[uψ] = E[ωu²] (Stein's lemma), so that a jump of ψ
+        counts.
+        """
         return _normal_means(self)[1]
 
     @property
@@ -89,12 +108,16 @@ class WeightFunction(ABC):
 
     @property
     def efficiency(self):
-        """(E[ψ′])²/E[ψ²]: the variance of least squares over that of the M-estimator, for normal errors."""
+        """(E[ψ′])²/E[ψ²]: the variance of least squares over that of the M-estimator, for normal
+        errors.
+        """
         return self.mean_psi_prime**2 / self.mean_psi_squared
 
     @property
     def consistency_factor(self):
-        """κ = E[ωu²]/E[ω]: for normal errors Σ ωV²/(κ Σ ω) tends to σ², where Σ ωV²/Σ ω is too small."""
+        """κ = E[ωu²]/E[ω]: for normal errors Σ ωV²/(κ Σ ω) tends to σ², where Σ ωV²/Σ ω is too
+        small.
+        """
         return self.mean_psi_prime / self.mean_weight
 
     def _require(self, satisfied, rule):
@@ -115,16 +138,25 @@ class WeightFunction(ABC):
 
 @cache  # equal functions share them: the quadrature takes longer than a small adjustment
 def _normal_means(function: WeightFunction) -> tuple[float, float, float]:
-    """E[ω], E[ωu²] and E[ψ²] for normal u, by adaptive quadrature from kink to kink, up to 40, where the density is 0."""
+    """E[ω], E[ωu²] and E[ψ²] for normal u, by adaptive quadrature from kink to kink, up to 40,
+    where the density is 0.
+    """
     edges = [0.0, *(kink for kink in function.kinks if kink < 40.0), 40.0]
 
     def mean(f) -> float:
         pieces = [
-            quad(lambda u: f(u) * math.exp(-u * u / 2), *piece, epsabs=1e-13, epsrel=1e-12, limit=200)[0] for piece in pairwise(edges)
+            quad(
+                lambda u: f(u) * math.exp(-u * u / 2), *piece, epsabs=1e-13, epsrel=1e-12, limit=200
+            )[0]
+            for piece in pairwise(edges)
         ]
         return float(math.sqrt(2 / math.pi) * sum(pieces))
 
-    return mean(function.weight), mean(lambda u: u * function.psi(u)), mean(lambda u: function.psi(u) ** 2)
+    return (
+        mean(function.weight),
+        mean(lambda u: u * function.psi(u)),
+        mean(lambda u: function.psi(u) ** 2),
+    )
 
 
 @dataclass(frozen=True)
@@ -146,7 +178,10 @@ class IGG3(WeightFunction):
     power: int = 1
 
     def __post_init__(self):
-        self._require(0 < self.k0 < self.k1 < math.inf and self.power in (1, 2), "0 < k0 < k1 < ∞ and power 1 or 2")
+        self._require(
+            0 < self.k0 < self.k1 < math.inf and self.power in (1, 2),
+            "0 < k0 < k1 < ∞ and power 1 or 2",
+        )
 
     def _rho(self, t):
         width = self.k1 - self.k0
@@ -160,8 +195,9 @@ class IGG3(WeightFunction):
         return np.select([t < self.k0, t < self.k1, t >= self.k1], [1.0, falling, 0.0], np.nan)
 
     def _weight(self, t):
-        # The inner loop of every robust fit: one branch serves all t once they are clipped to it. It is exactly 1
-        # at k0, where numerator and denominator are the same number, and exactly 0 at k1.
+        # The inner loop of every robust fit: one branch serves all t once they are clipped to it.
+        # It is exactly 1 at k0, where numerator and denominator are the same number, and exactly 0
+        # at k1.
         w = self._middle(np.clip(t, self.k0, self.k1, out=t))
         w /= self._middle(self.k0)
         return w
@@ -229,7 +265,8 @@ class Huber(WeightFunction):
 
 @dataclass(frozen=True)
 class Hampel(WeightFunction):
-    """Hampel's three parts: ψ = t if t < a, a if a ≤ t < b, a·(c − t)/(c − b) if b ≤ t < c, 0 if t ≥ c.
+    """Hampel's three parts: ψ = t if t < a, a if a ≤ t < b, a·(c − t)/(c − b) if b ≤ t < c, 0 if t
+    ≥ c.
 
     Hampel et al. (1986). Raises ValueError unless 0 < a ≤ b < c < ∞.
 
@@ -280,7 +317,8 @@ class Bisquare(WeightFunction):
 
     def _rho(self, t):
         z2 = self._squared(t)
-        return self.c**2 / 6 * z2 * (3 - 3 * z2 + z2**2)  # c²/6·(1 − (1 − z²)³) without cancellation near 0
+        # c²/6·(1 − (1 − z²)³) without cancellation near 0
+        return self.c**2 / 6 * z2 * (3 - 3 * z2 + z2**2)
 
     def _psi_prime(self, t):
         z2 = self._squared(t)
@@ -294,8 +332,8 @@ class Bisquare(WeightFunction):
 class Danish(WeightFunction):
     """The Danish method, continuous: ω = 1 if t < c, exp(1 − (t/c)²) if t ≥ c.
 
-    After Krarup, Juhl & Kubik (1980); its exponential weights are in use with several exponents and limits.
-    The default c has 95 % efficiency. Raises ValueError unless 0 < c < ∞.
+    After Krarup, Juhl & Kubik (1980); its exponential weights are in use with several exponents and
+    limits. The default c has 95 % efficiency. Raises ValueError unless 0 < c < ∞.
 
     >>> Danish().weight([-1.0, 2.0, 4.0]).round(4)
     array([1.    , 1.    , 0.0498])

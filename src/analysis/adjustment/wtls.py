@@ -27,7 +27,8 @@ class History:
     """How an iteration went, its start included as number 0.
 
     x : (k+1, m) parameters; objective : (k+1,) Φ there
-    trials : (k+1,) steps tried along the direction of search; 1 for an algorithm that does not search
+    trials : (k+1,) steps tried along the direction of search; 1 for an algorithm that does not
+        search
     """
 
     x: np.ndarray
@@ -81,7 +82,9 @@ def triangular_factor(blocks: Iterable[np.ndarray]) -> np.ndarray:
     stacked = np.concatenate(factors, axis=-2)
     missing = stacked.shape[-1] - stacked.shape[-2]
     if missing > 0:  # fewer rows than columns: rows of zeros change no product
-        stacked = np.concatenate([stacked, np.zeros(stacked.shape[:-2] + (missing, stacked.shape[-1]))], axis=-2)
+        stacked = np.concatenate(
+            [stacked, np.zeros(stacked.shape[:-2] + (missing, stacked.shape[-1]))], axis=-2
+        )
     return np.linalg.qr(stacked, mode="r")
 
 
@@ -107,7 +110,12 @@ def ls(A, y, weights=None) -> Estimate:
     _require_full_rank(R[..., :m, :m])
     x = solve(R[..., :m, :m], R[..., :m, m:])[..., 0]
     objective = R[..., m, m] ** 2
-    return Estimate(x, cofactor_from_factor(R[..., :m, :m]), objective, unit_weight_sd(objective, rows.shape[-1] - m))
+    return Estimate(
+        x,
+        cofactor_from_factor(R[..., :m, :m]),
+        objective,
+        unit_weight_sd(objective, rows.shape[-1] - m),
+    )
 
 
 def tls(A, y) -> Estimate:
@@ -127,7 +135,8 @@ def tls(A, y) -> Estimate:
 
 
 def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
-    """Mixed LS-TLS, ``min Σ r² / (1 + |x₂|²)``: some columns of A are exact, the others have errors.
+    """Mixed LS-TLS, ``min Σ r² / (1 + |x₂|²)``: some columns of A are exact, the others have
+    errors.
 
     QR with the exact columns first, TLS on what is left of the others and y, back substitution.
 
@@ -157,10 +166,13 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
     x1 = solve(R[..., :e, :e], R[..., :e, m:] - R[..., :e, e:m] @ x2[..., None])[..., 0]
     x = np.empty(R.shape[:-2] + (m,))
     x[..., order] = np.concatenate([x1, x2], axis=-1)
-    # Adjusted rows Ã = A + t xᵀ with t = r/(1+|x₂|²); with Aᵀr = −Φ x₂ this is ÃᵀÃ = AᵀA − Φ x₂x₂ᵀ/(1+|x₂|²).
+    # Adjusted rows Ã = A + t xᵀ with t = r/(1+|x₂|²); with Aᵀr = −Φ x₂ this is ÃᵀÃ = AᵀA − Φ
+    # x₂x₂ᵀ/(1+|x₂|²).
     scale = 1.0 + np.sum(x2**2, axis=-1)
     N = np.empty(R.shape[:-2] + (m, m))
-    N[..., np.ix_(order, order)[0], np.ix_(order, order)[1]] = R[..., :m, :m].swapaxes(-1, -2) @ R[..., :m, :m]
+    N[..., np.ix_(order, order)[0], np.ix_(order, order)[1]] = (
+        R[..., :m, :m].swapaxes(-1, -2) @ R[..., :m, :m]
+    )
     masked = np.zeros_like(x)
     masked[..., noisy] = x2
     N -= (objective / scale)[..., None, None] * masked[..., :, None] * masked[..., None, :]
@@ -169,10 +181,13 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
 
 
 def smallest_singular_solution(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``x = −v[:m]/v[m]`` and ``σ²`` for the smallest singular value σ of ``[A | y]`` = (…, k, m+1)."""
+    """``x = −v[:m]/v[m]`` and ``σ²`` for the smallest singular value σ of ``[A | y]`` = (…, k,
+    m+1).
+    """
     _, singular, Vt = np.linalg.svd(R)
     v = Vt[..., -1, :]
-    with np.errstate(divide="ignore", invalid="ignore"):  # v[m] = 0: the nongeneric case, x is not finite
+    # v[m] = 0: the nongeneric case, x is not finite
+    with np.errstate(divide="ignore", invalid="ignore"):
         x = -v[..., :-1] / v[..., -1:]
     return x, singular[..., -1] ** 2
 
@@ -197,7 +212,8 @@ def wtls(
     tolerance: float = 1e-14,
     max_iterations: int = 500,
 ) -> Estimate:
-    """Weighted total least squares, ``min e_yᵀQ_y⁻¹e_y + vec(E_A)ᵀQ_A⁻¹vec(E_A)`` with any cofactors.
+    """Weighted total least squares, ``min e_yᵀQ_y⁻¹e_y + vec(E_A)ᵀQ_A⁻¹vec(E_A)`` with any
+    cofactors.
 
     The cofactors may be singular (a zero variance makes an element exact). They are given in
     one of three ways; the first two are O(n):
@@ -212,21 +228,24 @@ def wtls(
     Parameters
     ----------
     A : (…, n, m); y : (…, n)
-    algorithm : one of :data:`~analysis.adjustment.algorithms.ALGORITHMS`, all with the same solution. ``newton`` is the
-        quickest and the one to be trusted with errors as large as the columns.
-    H_0 : inverse Hessian that ``bfgs`` and ``dfp`` begin with: ``gauss_newton``, the inverse of Gauss-Newton's at
-        the start, or ``identity``, in the units of A and y, as Wu, Chen & Wang have it.
-    accuracy : convention of the cofactor, one of :data:`~analysis.adjustment.cofactors.CONVENTIONS`: ``gauss_newton``,
-        ``(ÃᵀS⁻¹Ã)⁻¹``; ``inverse_hessian``, ``2(∇²Φ)⁻¹``; ``propagated`` from the data through ``∇Φ = 0``.
+    algorithm : one of :data:`~analysis.adjustment.algorithms.ALGORITHMS`, all with the same
+        solution. ``newton`` is the quickest and the one to be trusted with errors as large as the
+        columns.
+    H_0 : inverse Hessian that ``bfgs`` and ``dfp`` begin with: ``gauss_newton``, the inverse of
+        Gauss-Newton's at the start, or ``identity``, in the units of A and y, as Wu, Chen & Wang
+        have it.
+    accuracy : convention of the cofactor, one of
+        :data:`~analysis.adjustment.cofactors.CONVENTIONS`: ``gauss_newton``, ``(ÃᵀS⁻¹Ã)⁻¹``;
+        ``inverse_hessian``, ``2(∇²Φ)⁻¹``; ``propagated`` from the data through ``∇Φ = 0``.
     history : whether to keep every iteration; of one problem, not of a stack.
     tolerance : relative step at which to stop, in parameters scaled to orthonormal columns of A.
 
-    Returns an :class:`Estimate`. Not converged: ``converged`` is False and ``stop_reason`` says why.
-    ``ValueError`` for wrong shapes, NaN or infinity, dependent columns, rows without errors, an unknown
-    algorithm or convention, or cofactors given twice.
+    Returns an :class:`Estimate`. Not converged: ``converged`` is False and ``stop_reason`` says
+    why. ``ValueError`` for wrong shapes, NaN or infinity, dependent columns, rows without errors,
+    an unknown algorithm or convention, or cofactors given twice.
 
-    Source: Schaffrin & Wieser 2008; Fang 2013 (exact Hessian); Wu, Chen & Wang (quasi-Newton); Ou & Liu
-    2017, eqs. (1)-(5).
+    Source: Schaffrin & Wieser 2008; Fang 2013 (exact Hessian); Wu, Chen & Wang (quasi-Newton); Ou &
+    Liu 2017, eqs. (1)-(5).
 
     >>> x = np.array([0.0, 1.0, 2.0, 3.0])
     >>> line = wtls(np.column_stack([np.ones(4), x]), 1 + 2 * x, Q_0=np.diag([0.0, 1.0]), Q_X=np.ones(4))
@@ -235,14 +254,18 @@ def wtls(
     """
     chosen = ALGORITHMS[one_of(algorithm, ALGORITHMS, "algorithm")]
     if one_of(H_0, ("gauss_newton", "identity"), "H_0") == "identity" and not chosen.takes_H_0:
-        raise ValueError(f"H_0: expected 'identity' with bfgs or dfp only, got it with {algorithm!r}")
+        raise ValueError(
+            f"H_0: expected 'identity' with bfgs or dfp only, got it with {algorithm!r}"
+        )
     cofactor_of = CONVENTIONS[one_of(accuracy, CONVENTIONS, "accuracy")]
     tolerance = positive(tolerance, "tolerance")
     whole_number(max_iterations, "max_iterations")
     rows = _rows(A, y)
     lead = rows.shape[:-2]
     if history and lead:
-        raise ValueError(f"history: expected one problem (n, m), got a stack of shape {np.shape(A)}")
+        raise ValueError(
+            f"history: expected one problem (n, m), got a stack of shape {np.shape(A)}"
+        )
     problem = EIVProblem(rows, _cofactors(rows.shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors))
     n, m = problem.count, problem.parameters
     problem, root, start = _orthonormal(problem)
@@ -255,8 +278,13 @@ def wtls(
         options["H_0"] = 2.0 * cofactor_from_factor(root).reshape(-1, m, m)
     scaled, ended = chosen.function(problem.flattened(), start.reshape(-1, m), **options)
     scaled = scaled.reshape(lead + (m,))
-    ended = only_minima(problem, scaled, replace(ended, **{name: getattr(ended, name).reshape(lead) for name in ENDED}))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a lost problem is reported by its ending
+    ended = only_minima(
+        problem,
+        scaled,
+        replace(ended, **{name: getattr(ended, name).reshape(lead) for name in ENDED}),
+    )
+    # a lost problem is reported by its ending
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         phi = objective(problem, scaled)
         return Estimate(
             x=(root @ scaled[..., None])[..., 0],
@@ -269,7 +297,8 @@ def wtls(
 
 
 def _orthonormal(problem: EIVProblem) -> tuple[EIVProblem, np.ndarray, np.ndarray]:
-    """The problem with orthonormal columns of A, which makes every later system well conditioned: ``A x = (A R⁻¹)(R x)``.
+    """The problem with orthonormal columns of A, which makes every later system well conditioned:
+    ``A x = (A R⁻¹)(R x)``.
 
     Also ``R⁻¹``, which leads back to x, and the least-squares solution R x to start from.
     """
@@ -296,7 +325,9 @@ class _Trace:
     def history(self, problem: EIVProblem, root: np.ndarray) -> History:
         """As it was, in the parameters that ``root`` leads back to."""
         x = np.array(self.x)
-        return History(x @ root.T, np.array([objective(problem, one) for one in x]), np.array(self.trials))
+        return History(
+            x @ root.T, np.array([objective(problem, one) for one in x]), np.array(self.trials)
+        )
 
 
 # ---------------------------------------------------------------------------------- in and out
@@ -317,7 +348,11 @@ def _rows(A, y) -> np.ndarray:
 
 def _weighted_blocks(rows: np.ndarray, weights) -> Iterable[np.ndarray]:
     """Blocks ``(…, k, m+1)`` of rows times ``√P``."""
-    roots = None if weights is None else np.sqrt(weight_array(weights, rows.shape[:-2] + rows.shape[-1:]))
+    roots = (
+        None
+        if weights is None
+        else np.sqrt(weight_array(weights, rows.shape[:-2] + rows.shape[-1:]))
+    )
     for piece in pieces(rows.shape[-1]):
         block = rows[..., piece] if roots is None else rows[..., piece] * roots[..., None, piece]
         yield block.swapaxes(-1, -2)
@@ -328,7 +363,9 @@ def _require_full_rank(R: np.ndarray) -> None:
     scaled = R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), np.finfo(float).tiny)
     smallest = np.linalg.svd(scaled, compute_uv=False)[..., -1]
     if np.any(smallest < 16 * np.finfo(float).eps):
-        raise ValueError(f"A: expected independent columns, got a smallest singular value of {smallest.min():.1g} for unit columns")
+        raise ValueError(
+            f"A: expected independent columns, got a smallest singular value of {smallest.min():.1g} for unit columns"
+        )
 
 
 def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
@@ -337,7 +374,9 @@ def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
     dense = isinstance(problem.cofactors, DenseCofactors)
     variances = np.diagonal(s, axis1=-2, axis2=-1) if dense else s
     if not (variances > 0).all():
-        raise ValueError(f"cofactors: expected an error in every row, got rows whose misclosure has a variance of {variances.min():.3g}")
+        raise ValueError(
+            f"cofactors: expected an error in every row, got rows whose misclosure has a variance of {variances.min():.3g}"
+        )
     if dense:
         roots = np.sqrt(variances)
         smallest = np.linalg.eigvalsh(s / (roots[..., :, None] * roots[..., None, :]))[..., 0].min()
@@ -347,14 +386,20 @@ def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
             )
 
 
-def _cofactors(shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors) -> CommonCofactors | RowCofactors | DenseCofactors:
+def _cofactors(
+    shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors
+) -> CommonCofactors | RowCofactors | DenseCofactors:
     """The structure that the given cofactors have, for rows of ``shape`` (…, m+1, n)."""
     *lead, columns, n = shape
     m = columns - 1
     if row_cofactors is not None:
         if any(other is not None for other in (Q_y, Q_A, Q_Ay, Q_0, Q_X)):
-            raise ValueError("row_cofactors: expected alone, got it together with Q_y, Q_A, Q_Ay, Q_0 or Q_X")
-        Q = _symmetric(row_cofactors, [(n, m + 1, m + 1), (*lead, n, m + 1, m + 1)], "row_cofactors")
+            raise ValueError(
+                "row_cofactors: expected alone, got it together with Q_y, Q_A, Q_Ay, Q_0 or Q_X"
+            )
+        Q = _symmetric(
+            row_cofactors, [(n, m + 1, m + 1), (*lead, n, m + 1, m + 1)], "row_cofactors"
+        )
         return RowCofactors(np.broadcast_to(Q, (*lead, n, m + 1, m + 1)))
     if (Q_0 is None) != (Q_X is None):
         raise ValueError("Q_0 and Q_X: expected both or none, got one of them")
@@ -366,7 +411,9 @@ def _cofactors(shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors) -> CommonCofactor
     if Q_A is None and Q_Ay is None and Q_X.ndim == 1 and Q_y.ndim == 1:
         C = np.zeros((*lead, m + 1, m + 1))
         C[..., :m, :m] = Q_0
-        return CommonCofactors(C, np.broadcast_to(Q_X, (*lead, n)), np.broadcast_to(Q_y, (*lead, n)))
+        return CommonCofactors(
+            C, np.broadcast_to(Q_X, (*lead, n)), np.broadcast_to(Q_y, (*lead, n))
+        )
     full = [np.diag(Q) if Q.ndim == 1 else Q for Q in (Q_X, Q_y)]
     Q_A = np.kron(Q_0, full[0]) if Q_A is None else _symmetric(Q_A, [(n * m, n * m)], "Q_A")
     Q_Ay = np.zeros((n * m, n)) if Q_Ay is None else finite_array(Q_Ay, "Q_Ay")
@@ -390,12 +437,18 @@ def _variances(values, n: int, name: str) -> np.ndarray:
 def _symmetric(values, shapes: list[tuple[int, ...]], name: str) -> np.ndarray:
     array = finite_array(values, name)
     if array.shape not in shapes:
-        raise ValueError(f"{name}: expected shape {' or '.join(map(str, shapes))}, got {array.shape}")
+        raise ValueError(
+            f"{name}: expected shape {' or '.join(map(str, shapes))}, got {array.shape}"
+        )
     transposed = array.swapaxes(-1, -2)
     if not np.allclose(array, transposed, rtol=1e-9, atol=1e-12 * np.abs(array).max()):
         difference = np.abs(array - transposed).max()
-        raise ValueError(f"{name}: expected symmetric matrices, got a difference of {difference:.3g} to the transpose")
+        raise ValueError(
+            f"{name}: expected symmetric matrices, got a difference of {difference:.3g} to the transpose"
+        )
     smallest = np.diagonal(array, axis1=-2, axis2=-1).min()
     if smallest < 0:
-        raise ValueError(f"{name}: expected variances of at least 0 on the diagonal, got {smallest:g}")
+        raise ValueError(
+            f"{name}: expected variances of at least 0 on the diagonal, got {smallest:g}"
+        )
     return array

@@ -46,8 +46,8 @@ STYLE = {
     "svg.hashsalt": "analysis",
     "svg.fonttype": "path",
 }
-# For the whole process: this package is the only one that draws. (A context would end before titles and legends are
-# set, and would switch off the display of figures in notebooks.)
+# For the whole process: this package is the only one that draws. (A context would end before titles
+# and legends are set, and would switch off the display of figures in notebooks.)
 mpl.rcParams.update(STYLE)
 
 Publish = Callable[[Figure, str, pd.DataFrame], None]
@@ -56,7 +56,9 @@ UNDATED = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
 def new(rows: int = 1, columns: int = 1, *, width: float = PAGE, height: float = 3.0, **options):
-    """A figure and its axes in the project's style, ``height`` and ``width`` in inches; options as ``pyplot.subplots``."""
+    """A figure and its axes in the project's style, ``height`` and ``width`` in inches; options as
+    ``pyplot.subplots``.
+    """
     return pyplot.subplots(rows, columns, figsize=(width, height), layout="constrained", **options)
 
 
@@ -68,7 +70,9 @@ def headed(figure, title: str, handles=(), columns: int = 1) -> None:
 
 
 def into(folder: Path) -> Publish:
-    """A ``publish`` that writes ``<stem>.png``, ``.svg`` and ``.csv`` into a folder anywhere and closes the figure."""
+    """A ``publish`` that writes ``<stem>.png``, ``.svg`` and ``.csv`` into a folder anywhere and
+    closes the figure.
+    """
 
     def publish_there(figure: Figure, stem: str, data: pd.DataFrame) -> None:
         save(figure, {kind: folder / f"{stem}.{kind}" for kind in UNDATED})

@@ -24,17 +24,15 @@ def save(frame: pd.DataFrame, path: Path, *, float_format: str = "%.9g") -> Path
     """The same into a file anywhere, as a user of the command line asks for."""
     # pandas applies float_format to columns of floats only, not to floats among objects.
     mixed = {
-        name: frame[name].map(lambda cell: float_format % cell if isinstance(cell, float) and cell == cell else cell)
+        name: frame[name].map(
+            lambda cell: float_format % cell if isinstance(cell, float) and cell == cell else cell
+        )
         for name in frame
         if frame[name].dtype == object
     }
     with replacing(path) as temporary:
         frame.assign(**mixed).to_csv(
-            temporary,
-            index=False,
-            float_format=float_format,
-            lineterminator="\n",
-            encoding="utf-8",
+            temporary, index=False, float_format=float_format, lineterminator="\n", encoding="utf-8"
         )
     return path
 
@@ -81,7 +79,9 @@ def text(frame: pd.DataFrame, decimals: Precision | Mapping[str, Precision]) -> 
     for name, cells in _columns(frame, decimals):
         if _are_numbers(cells):
             tails = [len(cell.partition(".")[2]) + ("." in cell) for cell in cells]
-            cells = [cell + " " * (max(tails) - tail) for cell, tail in zip(cells, tails, strict=True)]
+            cells = [
+                cell + " " * (max(tails) - tail) for cell, tail in zip(cells, tails, strict=True)
+            ]
             width = max(map(len, [name, *cells]))
             columns.append([cell.rjust(width) for cell in [name, *cells]])
         else:
@@ -100,13 +100,18 @@ def markdown(frame: pd.DataFrame, decimals: Precision | Mapping[str, Precision])
     | --- | ---: |
     | LS | 0.0670 |
     """
-    columns = [[name, "---:" if _are_numbers(cells) else "---", *cells] for name, cells in _columns(frame, decimals)]
+    columns = [
+        [name, "---:" if _are_numbers(cells) else "---", *cells]
+        for name, cells in _columns(frame, decimals)
+    ]
     # A bar inside a cell, as in |Δa|, would end the cell.
     escaped = [[cell.replace("|", r"\|") for cell in column] for column in columns]
     return "\n".join(f"| {' | '.join(row)} |" for row in zip(*escaped, strict=True))
 
 
-def _columns(frame: pd.DataFrame, decimals: Precision | Mapping[str, Precision]) -> list[tuple[str, list[str]]]:
+def _columns(
+    frame: pd.DataFrame, decimals: Precision | Mapping[str, Precision]
+) -> list[tuple[str, list[str]]]:
     """Return name and cells, as text, of every column."""
     columns = []
     for name in frame:

@@ -1,21 +1,23 @@
-"""Orthogonal-distance adjustment of any geometric model, and the high-breakdown robust fit around it.
+"""Orthogonal-distance adjustment of any geometric model, and the high-breakdown robust fit around
+it.
 
 A geometric model gives, for a surface x and points p, the orthogonal distances d, their normals
-n = ∂d/∂p and their Jacobian J with respect to t free parameters that move the surface, and a quick algebraic
-fit with weights. From these alone
-come :func:`geometric`, the Gauss-Helmert adjustment with any point cofactors, and :func:`robust`, which
-are the same for every geometry:
+n = ∂d/∂p and their Jacobian J with respect to t free parameters that move the surface, and a quick
+algebraic fit with weights. From these alone
+come :func:`geometric`, the Gauss-Helmert adjustment with any point cofactors, and :func:`robust`,
+which are the same for every geometry:
 
 1. least trimmed squares from elemental samples finds the half of the points that lie closest to one
    surface, whatever the other half does (Rousseeuw & Van Driessen 2006);
 2. from there Gauss-Newton steps with IGG III weights on standardised residuals. The weights do not
    accumulate, and the scale is that of the points in use, made consistent at the normal law, so
-   rejected points neither widen it nor hide behind it. Errors of only a few standard deviations on one
-   side, in a large share of the points, are not told from noise and do widen it.
+   rejected points neither widen it nor hide behind it. Errors of only a few standard deviations on
+   one side, in a large share of the points, are not told from noise and do widen it.
 
-A cloud hands over its ``model``, its ``observations()``, a ``start()``, and makes a ``fit`` of the result. All arrays are stacks
-(B, …) in the cloud's frame, which is centred and scaled. An iteration is one pass over the points, a block at a time: beyond the
-points a large cloud needs a weight and a distance for each.
+A cloud hands over its ``model``, its ``observations()``, a ``start()``, and makes a ``fit`` of the
+result. All arrays are stacks (B, …) in the cloud's frame, which is centred and scaled. An iteration
+is one pass over the points, a block at a time: beyond the points a large cloud needs a weight and a
+distance for each.
 """
 
 from __future__ import annotations
@@ -34,20 +36,25 @@ from .least_trimmed_squares import SUBSET, least_trimmed_squares
 TOLERANCE = 1e-12  # of a step, in the frame's unit
 STALLED = 1e-9  # a step below this that no longer shrinks is rounding
 SETTLED = 1e-10  # relative change of the scale
-LARGE = 16_384  # points from which on a part of them is adjusted first: its solution is so near that all need only a few passes
-STEEPEST = 0.5  # slope of the scale found against the scale it was found with, beyond which the secant is not trusted
+# points from which on a part of them is adjusted first: its solution is so near that all need only
+# a few passes
+LARGE = 16_384
+# slope of the scale found against the scale it was found with, beyond which the secant is not
+# trusted
+STEEPEST = 0.5
 NEARLY_FOUND = 0.1  # relative change of the scale, beyond which neither
 SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
 def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100):
-    """Weighted orthogonal distance fit ``min Σ eᵀQ⁻¹e`` over the errors e of the points, by Gauss-Helmert.
+    """Weighted orthogonal distance fit ``min Σ eᵀQ⁻¹e`` over the errors e of the points, by
+    Gauss-Helmert.
 
-    With equal isotropic cofactors this is ``min Σ d²``. Independent of the origin; a parameter may be held.
-    σ0 = √(Σeᵀ Q⁻¹e/(n − t)): in m without cofactors, else relative to them.
+    With equal isotropic cofactors this is ``min Σ d²``. Independent of the origin; a parameter may
+    be held. σ0 = √(Σeᵀ Q⁻¹e/(n − t)): in m without cofactors, else relative to them.
 
-    bias_correction : take off the bias of second order that equal isotropic noise leaves in the free
-        parameters (for a sphere σ̂0²/r of the radius)
+    bias_correction : take off the bias of second order that equal isotropic noise leaves in the
+        free parameters (for a sphere σ̂0²/r of the radius)
 
     Source: Pope 1972; Neitzel 2010.
     """
@@ -59,18 +66,20 @@ def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100
 
 
 def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterations: int = 1000):
-    """High-breakdown orthogonal distance fit with honest covariance: the default, and what to use on real scans.
+    """High-breakdown orthogonal distance fit with honest covariance: the default, and what to use
+    on real scans.
 
-    Least trimmed squares start, then IGG III weights on residuals standardised by their redundancy, to a
-    fixed point of parameters, weights and scale. Nothing has to be known of the noise or of the share of
-    gross errors, up to nearly half. σ0 is the scale of the points in use: in m without cofactors, else
-    relative to them; the cofactor holds the M-estimator's factor ``E[ψ²]/E[ψ′]²``.
+    Least trimmed squares start, then IGG III weights on residuals standardised by their redundancy,
+    to a fixed point of parameters, weights and scale. Nothing has to be known of the noise or of
+    the share of gross errors, up to nearly half. σ0 is the scale of the points in use: in m without
+    cofactors, else relative to them; the cofactor holds the M-estimator's factor ``E[ψ²]/E[ψ′]²``.
 
-    seed : of the elemental samples; the result depends on it only if the start ends at another surface
+    seed : of the elemental samples; the result depends on it only if the start ends at another
+        surface
     k0, k1 : thresholds of the final weights; 2.5 and 4 are 98 % efficient at the normal law
 
-    Source: Rousseeuw & Van Driessen 2006 (start); Yang, Song & Xu 2002 (IGG III); Huber 1981, section 7.6
-    (covariance).
+    Source: Rousseeuw & Van Driessen 2006 (start); Yang, Song & Xu 2002 (IGG III); Huber 1981,
+    section 7.6 (covariance).
     """
     function = IGG3(positive(k0, "k0"), positive(k1, "k1"), 1)
     whole_number(max_iterations, "max_iterations")
@@ -86,7 +95,9 @@ def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterat
     return cloud.fit("robust", _adjust(model, points, x, sigma, function, max_iterations))
 
 
-def _adjust(model, points: Observations, x, sigma, function: WeightFunction | None, max_iterations: int) -> Adjusted:
+def _adjust(
+    model, points: Observations, x, sigma, function: WeightFunction | None, max_iterations: int
+) -> Adjusted:
     t = model.degrees
 
     def advance(points: Observations, state):
@@ -96,7 +107,9 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
             # Leverage and scale lag by one step; at the fixed point they belong to these residuals.
             leverage = weights[:, part] / variances * np.sum((cofactor @ J) * J, axis=-2)
             spread = sigma[:, None] ** 2 * np.maximum(1.0 - leverage, SMALLEST_REDUNDANCY)
-            weights[:, part] = function.weight(np.sqrt(squares / np.maximum(spread, ROUNDING**2 / variances)))
+            weights[:, part] = function.weight(
+                np.sqrt(squares / np.maximum(spread, ROUNDING**2 / variances))
+            )
 
         sums = _Sums(model, x, points, weights, None if function is None else reweigh)
         step = -solve(sums.N, sums.g[..., None])[..., 0]
@@ -107,11 +120,15 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
         stalled = (length >= last) & (length <= STALLED)
         if function is not None:
             # The scale of exact points is rounding and never settles.
-            settled = np.abs(found - sigma) <= np.maximum(SETTLED * found, ROUNDING / np.sqrt(sums.least_variance))
+            settled = np.abs(found - sigma) <= np.maximum(
+                SETTLED * found, ROUNDING / np.sqrt(sums.least_variance)
+            )
             small, stalled = small & settled, stalled & settled
         new = np.where(lost[:, None], x, model.moved(x, step))
         new_sigma = np.where(small, found, _secant(sigma, found, last_sigma, last_found))
-        return (new, new_sigma, length, weights, cofactor, sigma, found), np.select([lost, small, stalled], [1, 2, 3], 0)
+        return (new, new_sigma, length, weights, cofactor, sigma, found), np.select(
+            [lost, small, stalled], [1, 2, 3], 0
+        )
 
     count = len(points.points)
     start = (
@@ -125,21 +142,31 @@ def _adjust(model, points: Observations, x, sigma, function: WeightFunction | No
     )
     endings = [
         (False, "not converged: the normal equations became singular"),
-        (True, "the parameters stand still" if function is None else "parameters and scale stand still"),
+        (
+            True,
+            "the parameters stand still"
+            if function is None
+            else "parameters and scale stand still",
+        ),
         (True, "the step reached rounding level"),
     ]
     ended = iterate(points, start, advance, endings, max_iterations)
     x, _, _, weights, cofactor, _, sigma = ended.state
     # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
-    factor = 1.0 if function is None else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
+    factor = (
+        1.0
+        if function is None
+        else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
+    )
     return Adjusted(x, factor * cofactor, sigma, None if function is None else weights, ended)
 
 
 def _secant(sigma, found, last_sigma, last_found) -> np.ndarray:
-    """The scale that would find itself: where the secant of found(σ) through the last two iterations meets σ.
+    """The scale that would find itself: where the secant of found(σ) through the last two
+    iterations meets σ.
 
-    An iteration by itself leaves a tenth of an error of the scale, because the weights hang on it. The scale found in the first one (NaN),
-    and where the scale still changes by more than a tenth.
+    An iteration by itself leaves a tenth of an error of the scale, because the weights hang on it.
+    The scale found in the first one (NaN), and where the scale still changes by more than a tenth.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = (found - last_found) / (sigma - last_sigma)
@@ -149,16 +176,26 @@ def _secant(sigma, found, last_sigma, last_found) -> np.ndarray:
 
 
 class _Sums:
-    """What one pass over the points gives at x: the normal equations ``N = Σ ω JJᵀ/v``, ``g = Σ ω J f/v``, and sums for the scale.
+    """What one pass over the points gives at x: the normal equations ``N = Σ ω JJᵀ/v``,
+    ``g = Σ ω J f/v``, and sums for the scale.
 
-    N : (B, t, t); g : (B, t); weights : Σω, (B,); squares : Σω f²/v, (B,); least_variance : smallest v, (B,)
+    N : (B, t, t); g : (B, t); weights : Σω, (B,); squares : Σω f²/v, (B,); least_variance :
+        smallest v, (B,)
     """
 
-    def __init__(self, model, x: np.ndarray, points: Observations, weights: np.ndarray, reweigh=None):
-        """``weights`` (B, n), or (B, 1) for all points; ``reweigh(part, f²/v, J, v)`` gives those of a part anew before they are used."""
+    def __init__(
+        self, model, x: np.ndarray, points: Observations, weights: np.ndarray, reweigh=None
+    ):
+        """``weights`` (B, n), or (B, 1) for all points; ``reweigh(part, f²/v, J, v)`` gives those
+        of a part anew before they are used.
+        """
         count, t = len(x), model.degrees
         self.N, self.g = np.zeros((count, t, t)), np.zeros((count, t))
-        self.weights, self.squares, self.least_variance = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+        self.weights, self.squares, self.least_variance = (
+            np.zeros(count),
+            np.zeros(count),
+            np.full(count, np.inf),
+        )
         for part in points.pieces():
             f, J, variances = linearised(model, x, points.piece(part))
             squares = f * f / variances
@@ -173,11 +210,14 @@ class _Sums:
             np.minimum(self.least_variance, variances.min(axis=-1), out=self.least_variance)
 
 
-def linearised(model: GeometricModel, x: np.ndarray, points: Points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def linearised(
+    model: GeometricModel, x: np.ndarray, points: Points
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Misclosures f (B, n), Jacobian (B, t free, n) and the variances of f, (B, n) or (B, 1).
 
-    Isotropic points: the distances themselves. Otherwise everything is taken at the adjusted points p̃, the
-    places on the surface that are nearest in the metric of Q⁻¹: ``f = nᵀ(p − p̃)`` (Pope 1972).
+    Isotropic points: the distances themselves. Otherwise everything is taken at the adjusted points
+    p̃, the places on the surface that are nearest in the metric of Q⁻¹: ``f = nᵀ(p − p̃)`` (Pope
+    1972).
     """
     if points.axes is None:
         return *model.linearised(x, points.D), points.variances
@@ -189,11 +229,17 @@ def linearised(model: GeometricModel, x: np.ndarray, points: Points) -> tuple[np
 
 
 def _scale(sums: _Sums, function: WeightFunction | None, t: int) -> np.ndarray:
-    """σ̂ (B,): ``σ̂² = Σω f²/v / (κ Σω) · n'/(n' − t)``, n' = Σω/E[ω] points in use; κ = E[ωu²]/E[ω] makes it consistent.
+    """σ̂ (B,): ``σ̂² = Σω f²/v / (κ Σω) · n'/(n' − t)``, n' = Σω/E[ω] points in use; κ =
+    E[ωu²]/E[ω] makes it consistent.
 
-    NaN without redundancy, but for a robust fit, which could not go on from there, no correction for it.
+    NaN without redundancy, but for a robust fit, which could not go on from there, no correction
+    for it.
     """
     total = np.where(sums.weights > 0, sums.weights, np.nan)
-    kappa, in_use = (1.0, total) if function is None else (function.consistency_factor, total / function.mean_weight)
+    kappa, in_use = (
+        (1.0, total)
+        if function is None
+        else (function.consistency_factor, total / function.mean_weight)
+    )
     redundancy = np.where(in_use > t, in_use - t, np.nan if function is None else in_use)
     return np.sqrt(sums.squares / (kappa * total) * in_use / redundancy)

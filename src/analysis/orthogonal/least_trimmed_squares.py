@@ -1,7 +1,8 @@
-"""Least trimmed squares: the half of the points that lie closest to one surface, whatever the other half does.
+"""Least trimmed squares: the half of the points that lie closest to one surface, whatever the other
+half does.
 
-Elemental samples give trial surfaces; the best go through concentration steps, and the one with the least sum of the h smallest
-squared distances is where a robust adjustment starts from.
+Elemental samples give trial surfaces; the best go through concentration steps, and the one with the
+least sum of the h smallest squared distances is where a robust adjustment starts from.
 
 Source: Rousseeuw & Van Driessen 2006.
 """
@@ -17,25 +18,31 @@ from ..adjustment.linalg import solve
 from ..blocks import BLOCK, pieces
 from .cloud import GeometricModel
 
-SAMPLES = 200  # elemental samples: with half of the points bad, about 12 of 200 four-point samples are clean
+# elemental samples: with half of the points bad, about 12 of 200 four-point samples are clean
+SAMPLES = 200
 CANDIDATES = 8  # samples that are followed by concentration steps
-SUBSET = 1000  # points the start looks at: with 45 % bad ones, chance makes hardly ever half of them bad
+# points the start looks at: with 45 % bad ones, chance makes hardly ever half of them bad
+SUBSET = 1000
 
 
-def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Surface with the least sum of the h = (n + t + 1)/2 smallest squared distances, and its consistent scale.
+def least_trimmed_squares(
+    model: GeometricModel, D: np.ndarray, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Surface with the least sum of the h = (n + t + 1)/2 smallest squared distances, and its
+    consistent scale.
 
-    Elemental samples, the best followed by concentration steps (fit, keep the h closest, fit again). The
-    points D (B, n, dim) come in an order of their own, so that the samples do not depend on the order given.
-    All points are treated alike: a small cofactor does not make a point a good one.
-    Returns x (B, s) and the spread of the distances (B,) as a standard deviation.
+    Elemental samples, the best followed by concentration steps (fit, keep the h closest, fit
+    again). The points D (B, n, dim) come in an order of their own, so that the samples do not
+    depend on the order given. All points are treated alike: a small cofactor does not make a point
+    a good one. Returns x (B, s) and the spread of the distances (B,) as a standard deviation.
     """
     generator = np.random.default_rng(seed)
     n = D.shape[1]
     h = (n + model.degrees + 1) // 2
     draws = np.argsort(generator.uniform(size=(SAMPLES, n)), axis=-1)[:, : model.sample]
     x = model.through(D[:, draws])  # (B, S, s)
-    # A few clouds at a time: the distances from every sample are many, and should not leave the cache.
+    # A few clouds at a time: the distances from every sample are many, and should not leave the
+    # cache.
     parts = pieces(len(D), max(1, 4 * BLOCK // (SAMPLES * n)))
     cost = np.concatenate([trimmed_sum(model, x[part], D[part], h) for part in parts])
     best = np.argsort(cost, axis=-1)[:, :CANDIDATES]
@@ -58,7 +65,9 @@ def least_trimmed_squares(model: GeometricModel, D: np.ndarray, seed: int) -> tu
 
 
 def trimmed_sum(model, x, D, h: int) -> np.ndarray:
-    """Sum of the h smallest squared distances from each of the surfaces x (B, K, s), (B, K); infinite where there is none."""
+    """Sum of the h smallest squared distances from each of the surfaces x (B, K, s), (B, K);
+    infinite where there is none.
+    """
     squares = model.distances(x, D)
     np.square(squares, out=squares)
     squares[np.isnan(squares)] = np.inf
@@ -67,13 +76,17 @@ def trimmed_sum(model, x, D, h: int) -> np.ndarray:
 
 
 def _concentrated(model, x, D, h: int) -> np.ndarray:
-    """One concentration step of each x (B, K, s): the fit to its h closest points, which lessens the fit's own trimmed sum."""
+    """One concentration step of each x (B, K, s): the fit to its h closest points, which lessens
+    the fit's own trimmed sum.
+    """
     new = model.algebraic(D[:, None], closest(model.distances(x, D), h))
     return np.where(np.isfinite(new).all(axis=-1, keepdims=True), new, x)
 
 
 def _concentrated_with_held(model, x, D, h: int) -> np.ndarray:
-    """The same with held parameters: one Gauss-Newton step of the free ones on the h closest points."""
+    """The same with held parameters: one Gauss-Newton step of the free ones on the h closest
+    points.
+    """
     f, J = model.linearised(x, D)
     weighed = J * closest(f, h)[:, None, :]
     new = model.moved(x, -solve(weighed @ J.swapaxes(-1, -2), weighed @ f[..., None])[..., 0])

@@ -1,22 +1,26 @@
-"""How well are the points checked by one another: redundancy, smallest error that would be noticed, what an unnoticed one does.
+"""How well are the points checked by one another: redundancy, smallest error that would be noticed,
+what an unnoticed one does.
 
-All follows from the fit of distances ``d_i`` with normal matrix ``N = Σ ω J Jᵀ/v``, J = ∂d/∂x, v the cofactor of
-the distance, ω the weight factor of the fit. With ``g_i = J_iᵀN⁻¹J_i/v_i``:
+All follows from the fit of distances ``d_i`` with normal matrix ``N = Σ ω J Jᵀ/v``, J = ∂d/∂x, v
+the cofactor of the distance, ω the weight factor of the fit. With ``g_i = J_iᵀN⁻¹J_i/v_i``:
 
     r_i = 1 − ω_i g_i                                            redundancy number, Σ r = n − t
     q_i = 1 − 2 ω_i g_i + J_iᵀN⁻¹ (Σ ω² J Jᵀ/v) N⁻¹J_i/v_i       variance of d_i over σ²v_i
     u_i = d_i/(σ √(v_i q_i))                                     standardised residual
-    MDB_i = δ0 σ √(v_i q_i)/r_i                                  minimal detectable bias along the normal
-    ∇x_i = −N⁻¹ J_i ω_i/v_i · MDB_i                              external reliability: what it does to the parameters
+    MDB_i = δ0 σ √(v_i q_i)/r_i                                  minimal detectable bias along the
+    normal ∇x_i = −N⁻¹ J_i ω_i/v_i · MDB_i                              external reliability: what
+    it does to the parameters
 
-Where ω is 1, q = r and these are Baarda's; where ω is 0 the point has no part in the fit, q = 1 + g is the variance
-of a prediction, and ∇x = 0. Everything is O(n), so that a million points take about as long as fitting them.
+Where ω is 1, q = r and these are Baarda's; where ω is 0 the point has no part in the fit, q = 1 + g
+is the variance of a prediction, and ∇x = 0. Everything is O(n), so that a million points take about
+as long as fitting them.
 
 References
 ----------
-Baarda (1968), A testing procedure for use in geodetic networks, Netherlands Geodetic Commission 2 (5).
-Benjamini & Hochberg (1995), Journal of the Royal Statistical Society B 57, 289-300.
-Pope (1976), The statistics of residuals and the detection of outliers, NOAA Technical Report NOS 65 NGS 1.
+Baarda (1968), A testing procedure for use in geodetic networks, Netherlands Geodetic Commission 2
+(5). Benjamini & Hochberg (1995), Journal of the Royal Statistical Society B 57, 289-300.
+Pope (1976), The statistics of residuals and the detection of outliers, NOAA Technical Report NOS 65
+NGS 1.
 """
 
 from __future__ import annotations
@@ -41,12 +45,14 @@ CORRECTIONS = ("none", "bonferroni", "fdr")
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """Reliability of each point of a fit; a stack of fits ``(…)`` gives every field its leading axes.
+    """Reliability of each point of a fit; a stack of fits ``(…)`` gives every field its leading
+    axes.
 
     redundancy : (…, n) between 0 (nothing checks the point) and 1; the sum is n − t
     standardised : (…, n) residuals over their standard deviations, N(0, 1) for good points
     p_values : (…, n) probability of so large a standardised residual, either sign, for a good point
-    minimal_bias : (…, n) m; the error along the normal that a test at level α0 finds with the given power
+    minimal_bias : (…, n) m; the error along the normal that a test at level α0 finds with the given
+        power
     external : (…, n, t) m; change of each parameter by an error of that size, outwards
     """
 
@@ -62,7 +68,8 @@ class Reliability:
         correction : for the number of tests, n of each fit:
             ``none``: every test at level alpha, so alpha·n good points fail;
             ``bonferroni``: any good point fails with probability alpha at most;
-            ``fdr``: of the points that fail, a share of alpha is good on average (Benjamini & Hochberg 1995).
+            ``fdr``: of the points that fail, a share of alpha is good on average (Benjamini &
+            Hochberg 1995).
 
         >>> reliability = Reliability(*[np.array([])] * 2, np.array([0.9, 0.02, 0.001, 0.3]), *[np.array([])] * 2)
         >>> [int(reliability.suspects(0.05, correction).sum()) for correction in CORRECTIONS]
@@ -77,20 +84,31 @@ class Reliability:
         return p <= (alpha / n if correction == "bonferroni" else alpha)
 
 
-def reliability(fit: Fit, points, *, weights=None, cofactors=None, sigma=None, alpha0: float = 0.001, power: float = 0.8) -> Reliability:
-    """Redundancy numbers, standardised residuals, minimal detectable biases and external reliability of a fit.
+def reliability(
+    fit: Fit,
+    points,
+    *,
+    weights=None,
+    cofactors=None,
+    sigma=None,
+    alpha0: float = 0.001,
+    power: float = 0.8,
+) -> Reliability:
+    """Redundancy numbers, standardised residuals, minimal detectable biases and external
+    reliability of a fit.
 
     Parameters
     ----------
     fit : by ``eiv``, ``geometric`` or ``robust``, radius free or held.
     points, weights, cofactors : as given to the fit.
-    sigma : the standard deviation at cofactor 1 where it is known beforehand; then u is tested as N(0, 1). None takes
-        1 for a fit with ``absolute`` cofactors, and else the fit's σ0, so that u is tested as Pope's τ for a point in
-        use, whose own residual is in σ0, and as Student's t for one that is not.
+    sigma : the standard deviation at cofactor 1 where it is known beforehand; then u is tested as
+        N(0, 1). None takes 1 for a fit with ``absolute`` cofactors, and else the fit's σ0, so that
+        u is tested as Pope's τ for a point in use, whose own residual is in σ0, and as Student's t
+        for one that is not.
     alpha0, power : level of the single test and its power against the minimal bias.
 
-    Raises ``ValueError`` for a fit by another method (its residuals are no distances), shapes that do not
-    belong together, probabilities outside (0, 1) and a non-positive sigma.
+    Raises ``ValueError`` for a fit by another method (its residuals are no distances), shapes that
+    do not belong together, probabilities outside (0, 1) and a non-positive sigma.
 
     >>> from analysis.methods import fit_sphere
     >>> directions = np.random.default_rng(7).standard_normal((500, 3))
@@ -111,13 +129,20 @@ def reliability(fit: Fit, points, *, weights=None, cofactors=None, sigma=None, a
     lead, n = fit.distances.shape[:-1], fit.distances.shape[-1]
     array = point_array(points, model.dimension, n, "this fit")
     if array.shape[:-1] != lead + (n,):
-        raise ValueError(f"points: expected those of the fit, of shape {lead + (n, model.dimension)}, got {array.shape}")
+        raise ValueError(
+            f"points: expected those of the fit, of shape {lead + (n, model.dimension)}, got {array.shape}"
+        )
     delta = noncentrality(alpha0, power)
     if fit.absolute and sigma is None:
         sigma = 1.0
-    sigma_0 = np.broadcast_to(fit.sigma_0 if sigma is None else positive(sigma, "sigma"), lead).reshape(-1, 1)
+    sigma_0 = np.broadcast_to(
+        fit.sigma_0 if sigma is None else positive(sigma, "sigma"), lead
+    ).reshape(-1, 1)
     omega = fit.weights.reshape(-1, n)
-    data = Points.of(array.reshape((len(x),) + array.shape[-2:]), _cofactors(weights, cofactors, lead + (n,), len(x)))
+    data = Points.of(
+        array.reshape((len(x),) + array.shape[-2:]),
+        _cofactors(weights, cofactors, lead + (n,), len(x)),
+    )
 
     def blocks():
         """Weights, distances, Jacobian and variances of the distances, so many points at a time."""
@@ -136,38 +161,63 @@ def reliability(fit: Fit, points, *, weights=None, cofactors=None, sigma=None, a
         NJ = solve(N, J)
         g = np.einsum("btn,btn->bn", J, NJ) / v
         redundancy[:, piece] = r = 1.0 - w * g
-        sd = sigma_0 * np.sqrt(v * np.maximum(1.0 - 2.0 * w * g + np.einsum("btn,btn->bn", NJ, M @ NJ) / v, 0.0))
-        with np.errstate(divide="ignore", invalid="ignore"):  # a point that nothing checks: no residual, no finite bias
+        sd = sigma_0 * np.sqrt(
+            v * np.maximum(1.0 - 2.0 * w * g + np.einsum("btn,btn->bn", NJ, M @ NJ) / v, 0.0)
+        )
+        # a point that nothing checks: no residual, no finite bias
+        with np.errstate(divide="ignore", invalid="ignore"):
             standardised[:, piece] = f / sd
             minimal[:, piece] = delta * sd / r
-        external[:, piece] = -(derivative @ (NJ * (w / v * minimal[:, piece])[:, None])).swapaxes(-1, -2)
-    p = 2.0 * norm.sf(np.abs(standardised)) if sigma is not None else _p_values(standardised, omega > 0, t)
-    return Reliability(*(field.reshape(lead + field.shape[1:]) for field in (redundancy, standardised, p, minimal, external)))
+        external[:, piece] = -(derivative @ (NJ * (w / v * minimal[:, piece])[:, None])).swapaxes(
+            -1, -2
+        )
+    p = (
+        2.0 * norm.sf(np.abs(standardised))
+        if sigma is not None
+        else _p_values(standardised, omega > 0, t)
+    )
+    return Reliability(
+        *(
+            field.reshape(lead + field.shape[1:])
+            for field in (redundancy, standardised, p, minimal, external)
+        )
+    )
 
 
 def noncentrality(alpha0: float = 0.001, power: float = 0.8) -> float:
-    """δ0, by which an error of the size of the minimal detectable bias shifts u: ``Φ⁻¹(1 − α0/2) + Φ⁻¹(power)``.
+    """δ0, by which an error of the size of the minimal detectable bias shifts u:
+    ``Φ⁻¹(1 − α0/2) + Φ⁻¹(power)``.
 
-    The chance to be found on the wrong side, Φ(−Φ⁻¹(1 − α0/2) − δ0), is left out: 10⁻¹³ at the defaults.
+    The chance to be found on the wrong side, Φ(−Φ⁻¹(1 − α0/2) − δ0), is left out: 10⁻¹³ at the
+    defaults.
 
     >>> round(noncentrality(), 2)
     4.13
     """
-    return float(norm.isf(0.5 * _probability(alpha0, "alpha0")) + norm.ppf(_probability(power, "power")))
+    return float(
+        norm.isf(0.5 * _probability(alpha0, "alpha0")) + norm.ppf(_probability(power, "power"))
+    )
 
 
 def data_snooping(
-    points, refit: Callable[..., Fit], *, sigma=None, alpha0: float = 0.001, weights=None, cofactors=None
+    points,
+    refit: Callable[..., Fit],
+    *,
+    sigma=None,
+    alpha0: float = 0.001,
+    weights=None,
+    cofactors=None,
 ) -> tuple[Fit, np.ndarray]:
-    """Baarda's data snooping one at a time: the point with the largest failing test is left out and all is fitted again.
+    """Baarda's data snooping one at a time: the point with the largest failing test is left out and
+    all is fitted again.
 
     points : (n, dim), one cloud, few enough to be fitted once for every error in it
     refit : fits what is left, ``refit(points, weights=…)`` or ``cofactors=…`` where they are given
     sigma, alpha0 : as for :func:`reliability`; every test is at level alpha0
     weights, cofactors : (n,) or (n, dim, dim) of the points, or None
 
-    Returns the last fit and (n,) bool, the points it was made from. Several errors that hide one another are not found;
-    for those there is ``robust``.
+    Returns the last fit and (n,) bool, the points it was made from. Several errors that hide one
+    another are not found; for those there is ``robust``.
 
     >>> from analysis.methods import fit_sphere
     >>> points = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0.001], [0, 0.6, -0.8]]])
@@ -177,13 +227,20 @@ def data_snooping(
     """
     points = point_array(points, np.shape(points)[-1], 1, "data snooping")
     kept = np.ones(len(points), dtype=bool)
-    precision = {name: np.asarray(values) for name, values in (("weights", weights), ("cofactors", cofactors)) if values is not None}
+    precision = {
+        name: np.asarray(values)
+        for name, values in (("weights", weights), ("cofactors", cofactors))
+        if values is not None
+    }
     while True:
         given = {name: values[kept] for name, values in precision.items()}
         fit = refit(points[kept], **given)
         tested = reliability(fit, points[kept], sigma=sigma, **given)
         worst = np.nanargmin(tested.p_values)
-        if tested.p_values[worst] > alpha0 or np.count_nonzero(kept) <= fit.surface()[0].degrees + 1:
+        if (
+            tested.p_values[worst] > alpha0
+            or np.count_nonzero(kept) <= fit.surface()[0].degrees + 1
+        ):
             return fit, kept
         # Tiny probabilities are all 0; the residual tells them apart.
         kept[np.flatnonzero(kept)[np.nanargmax(np.abs(tested.standardised))]] = False
@@ -195,7 +252,9 @@ def _cofactors(weights, cofactors, shape: tuple[int, ...], count: int) -> np.nda
         return np.ones((1, 1))
     if cofactors is not None and np.ndim(cofactors) >= 3:
         dim = np.shape(cofactors)[-1]
-        return covariance_array(cofactors, shape + (dim, dim), "cofactors").reshape(count, shape[-1], dim, dim)
+        return covariance_array(cofactors, shape + (dim, dim), "cofactors").reshape(
+            count, shape[-1], dim, dim
+        )
     variances = np.ones(shape) if cofactors is None else weight_array(cofactors, shape, "cofactors")
     if weights is not None:
         variances = variances / weight_array(weights, shape)
@@ -203,7 +262,9 @@ def _cofactors(weights, cofactors, shape: tuple[int, ...], count: int) -> np.nda
 
 
 def _p_values(u: np.ndarray, in_use: np.ndarray, t: int) -> np.ndarray:
-    """Two-sided, for u standardised by an estimated σ: ``u √((ν − 1)/(ν − u²))`` is Student's with ν − 1 for points in use."""
+    """Two-sided, for u standardised by an estimated σ: ``u √((ν − 1)/(ν − u²))`` is Student's with
+    ν − 1 for points in use.
+    """
     nu = np.count_nonzero(in_use, axis=-1, keepdims=True) - t
     with np.errstate(divide="ignore", invalid="ignore"):
         tau = np.sqrt((nu - 1) / np.maximum(nu - u * u, 0.0))

@@ -107,7 +107,9 @@ def _read_text(path: Path) -> NDArray[np.float64]:
     if points is None or not np.all(np.isfinite(points)):
         points = _read_lines(path, layout)
     if layout.count is not None and layout.count != len(points):
-        raise ValueError(f"{path}: expected the {layout.count} points announced in front of them, found {len(points)}")
+        raise ValueError(
+            f"{path}: expected the {layout.count} points announced in front of them, found {len(points)}"
+        )
     return np.ascontiguousarray(points)
 
 
@@ -124,7 +126,9 @@ def _read_lines(path: Path, layout: _Layout) -> NDArray[np.float64]:
             point = [math.nan]
         if not all(map(math.isfinite, point)):
             columns = ", ".join(str(column + 1) for column in layout.columns)
-            raise ValueError(f"{path}: line {number}: expected finite numbers x, y, z in columns {columns}, got {_shortened(line)}")
+            raise ValueError(
+                f"{path}: line {number}: expected finite numbers x, y, z in columns {columns}, got {_shortened(line)}"
+            )
         points.append(point)
     return np.array(points)
 
@@ -210,7 +214,9 @@ def _read_binary(path: Path, suffix: str) -> NDArray[np.float64]:
     try:
         library = importlib.import_module(name)
     except ImportError as error:
-        raise ImportError(f"{path}: reading {suffix} needs {name}; install it with: pip install {packages}") from error
+        raise ImportError(
+            f"{path}: reading {suffix} needs {name}; install it with: pip install {packages}"
+        ) from error
     try:
         points = np.array(read(library, path), dtype=np.float64)
     except Exception as error:  # each library has its own; to the user they are all the same
@@ -240,7 +246,12 @@ def _read_e57(pye57: ModuleType, path: Path) -> NDArray[np.float64]:
         scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     finally:
         file.close()
-    return np.concatenate([np.column_stack([scan["cartesianX"], scan["cartesianY"], scan["cartesianZ"]]) for scan in scans])
+    return np.concatenate(
+        [
+            np.column_stack([scan["cartesianX"], scan["cartesianY"], scan["cartesianZ"]])
+            for scan in scans
+        ]
+    )
 
 
 _BINARY: dict[str, tuple[str, str, Callable[[ModuleType, Path], NDArray[np.float64]]]] = {

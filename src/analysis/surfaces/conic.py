@@ -1,11 +1,14 @@
-"""Plane conics ``A u² + B uv + C v² + D u + E v + F = 0`` that are ellipses: through five points, best through many, and their geometry.
+"""Plane conics ``A u² + B uv + C v² + D u + E v + F = 0`` that are ellipses: through five points,
+best through many, and their geometry.
 
-The geometry of an ellipse is kept as (u0, v0, m, g, h): it is the image ``p = (u0, v0) + S e`` of the unit circle |e| = 1 with
+The geometry of an ellipse is kept as (u0, v0, m, g, h): it is the image ``p = (u0, v0) + S e`` of
+the unit circle |e| = 1 with
 
     S = [m + g, h; h, m − g],   m = (a + b)/2,   (g, h) = (a − b)/2 · (cos 2φ, sin 2φ)
 
-for semi-axes a ≥ b and the direction φ of the major one. Unlike (a, b, φ) these numbers are smooth and well determined for a circle
-too, where g = h = 0 and φ means nothing. All arrays are stacks (…).
+for semi-axes a ≥ b and the direction φ of the major one. Unlike (a, b, φ) these numbers are smooth
+and well determined for a circle too, where g = h = 0 and φ means nothing. All arrays are stacks
+(…).
 """
 
 from __future__ import annotations
@@ -16,8 +19,10 @@ from ..adjustment.linalg import solve
 
 # 4AC − B², which is positive for an ellipse, as a quadratic form of (A, B, C).
 DISCRIMINANT = np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]])
-ROWS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]  # powers of u and v in the rows (1, u, v, u², uv, v²)
-MONOMIALS = [(i, j) for i in range(5) for j in range(5 - i)]  # whose sums are all that a scatter matrix of the rows holds
+# powers of u and v in the rows (1, u, v, u², uv, v²)
+ROWS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
+# whose sums are all that a scatter matrix of the rows holds
+MONOMIALS = [(i, j) for i in range(5) for j in range(5 - i)]
 PRODUCTS = np.array([[MONOMIALS.index((i + k, j + m)) for k, m in ROWS] for i, j in ROWS])
 
 
@@ -26,7 +31,8 @@ def rows(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-2)
 
 
-@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what is no ellipse comes out as NaN
+# what is no ellipse comes out as NaN
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def ellipse_of(conic: np.ndarray) -> np.ndarray:
     """(u0, v0, m, g, h) of conics (…, 6); NaN where there is no real ellipse.
 
@@ -51,7 +57,8 @@ def ellipse_of(conic: np.ndarray) -> np.ndarray:
 
 
 def conic_of(x: np.ndarray) -> np.ndarray:
-    """(A, B, C, D, E, F), (…, 6), of ellipses (u0, v0, m, g, h), scaled so that the conic is −1 at the centre.
+    """(A, B, C, D, E, F), (…, 6), of ellipses (u0, v0, m, g, h), scaled so that the conic is −1 at
+    the centre.
 
     >>> conic_of(np.array([1.0, 1.0, 1.5, 0.5, 0.0]))[[0, 2, 3, 4, 5]]
     array([ 0.25,  1.  , -0.5 , -2.  ,  0.25])
@@ -59,15 +66,18 @@ def conic_of(x: np.ndarray) -> np.ndarray:
     u0, v0, m, g, h = np.moveaxis(x, -1, 0)
     square = m * m + g * g + h * h
     area = (m * m - g * g - h * h) ** 2
-    A, C, B = (square - 2.0 * m * g) / area, (square + 2.0 * m * g) / area, -4.0 * m * h / area  # of S⁻²
+    # of S⁻²
+    A, C, B = (square - 2.0 * m * g) / area, (square + 2.0 * m * g) / area, -4.0 * m * h / area
     D, E = -2.0 * A * u0 - B * v0, -2.0 * C * v0 - B * u0
     return np.stack([A, B, C, D, E, A * u0 * u0 + B * u0 * v0 + C * v0 * v0 - 1.0], axis=-1)
 
 
 def axes_of(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(u0, v0, a, b, φ), (…, 5), of ellipses (u0, v0, m, g, h), and the Jacobian (…, 5, 5) of the one by the other.
+    """(u0, v0, a, b, φ), (…, 5), of ellipses (u0, v0, m, g, h), and the Jacobian (…, 5, 5) of the
+    one by the other.
 
-    φ lies in [0, π). Of a circle it is undetermined; its derivatives, which grow as 1/(a − b), are then huge but finite.
+    φ lies in [0, π). Of a circle it is undetermined; its derivatives, which grow as 1/(a − b), are
+    then huge but finite.
     """
     m, g, h = x[..., 2], x[..., 3], x[..., 4]
     half = np.hypot(g, h)
@@ -87,18 +97,26 @@ def axes_of(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def through(samples: np.ndarray) -> np.ndarray:
-    """(u0, v0, m, g, h) of the ellipses through five points (…, 5, 2); NaN where the conic is no ellipse, or not the only one."""
+    """(u0, v0, m, g, h) of the ellipses through five points (…, 5, 2); NaN where the conic is no
+    ellipse, or not the only one.
+    """
     u, v = samples[..., 0], samples[..., 1]
     # With A + C = 1, which an ellipse always allows, five unknowns are left: A − C, B, D, E, F.
     columns = np.stack([0.5 * (u * u - v * v), u * v, u, v, np.ones_like(u)], axis=-1)
-    difference, B, D, E, F = np.moveaxis(solve(columns, -0.5 * (u * u + v * v)[..., None])[..., 0], -1, 0)
-    return ellipse_of(np.stack([0.5 + 0.5 * difference, B, 0.5 - 0.5 * difference, D, E, F], axis=-1))
+    difference, B, D, E, F = np.moveaxis(
+        solve(columns, -0.5 * (u * u + v * v)[..., None])[..., 0], -1, 0
+    )
+    return ellipse_of(
+        np.stack([0.5 + 0.5 * difference, B, 0.5 - 0.5 * difference, D, E, F], axis=-1)
+    )
 
 
 def direct_from_factor(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The ellipse ``min Σ P f²`` with 4AC − B² = 1 from the triangular factor (…, 6, 6) of the rows ``√P (1, u, v, u², uv, v²)``.
+    """The ellipse ``min Σ P f²`` with 4AC − B² = 1 from the triangular factor (…, 6, 6) of the rows
+    ``√P (1, u, v, u², uv, v²)``.
 
-    Returns conics (…, 6), and (…) bool: whether without the condition, at |(A, B, C)| = 1, the best conic is an ellipse too.
+    Returns conics (…, 6), and (…) bool: whether without the condition, at |(A, B, C)| = 1, the best
+    conic is an ellipse too.
     Source: Fitzgibbon, Pilu & Fisher 1999; Halir & Flusser 1998.
     """
     _, s, Vt = np.linalg.svd(R[..., 3:, 3:])
@@ -108,9 +126,11 @@ def direct_from_factor(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def direct_from_points(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same of points (…, n, 2) with weights (…, n), a little less accurately, from sums of powers.
+    """The same of points (…, n, 2) with weights (…, n), a little less accurately, from sums of
+    powers.
 
-    Leading axes broadcast: for K sets of weights (B, K, n) the powers of points (B, 1, n, 2) are made once.
+    Leading axes broadcast: for K sets of weights (B, K, n) the powers of points (B, 1, n, 2) are
+    made once.
     """
     u, v = points[..., 0], points[..., 1]
     powers_u, powers_v = [np.ones_like(u), u, u * u], [np.ones_like(v), v, v * v]
@@ -122,7 +142,9 @@ def direct_from_points(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndar
     T = -solve(S[..., :3, :3], S[..., :3, 3:])
     reduced = S[..., 3:, 3:] + S[..., 3:, :3] @ T
     fine = np.isfinite(reduced).all(axis=(-1, -2))
-    squares, V = np.linalg.eigh(np.where(fine[..., None, None], 0.5 * (reduced + reduced.swapaxes(-1, -2)), np.eye(3)))
+    squares, V = np.linalg.eigh(
+        np.where(fine[..., None, None], 0.5 * (reduced + reduced.swapaxes(-1, -2)), np.eye(3))
+    )
     quadratic, natural = _constrained(np.sqrt(np.maximum(squares[..., ::-1], 0.0)), V[..., ::-1])
     linear = (T @ quadratic[..., None])[..., 0]
     return np.concatenate([quadratic, linear[..., [1, 2, 0]]], axis=-1), natural
@@ -131,8 +153,8 @@ def direct_from_points(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndar
 def _constrained(s: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(A, B, C) with the least ``|diag(s) Vᵀ (A, B, C)|²`` over 4AC − B²; s falls.
 
-    With z = diag(s) Vᵀ (A, B, C) it is the one eigenvector of positive eigenvalue of a symmetric matrix. Exact points have a last
-    s of rounding size; it may be that large, but not 0.
+    With z = diag(s) Vᵀ (A, B, C) it is the one eigenvector of positive eigenvalue of a symmetric
+    matrix. Exact points have a last s of rounding size; it may be that large, but not 0.
     """
     s = np.maximum(s, np.finfo(float).eps * s[..., :1])
     form = V.swapaxes(-1, -2) @ DISCRIMINANT @ V

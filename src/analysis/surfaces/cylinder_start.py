@@ -1,13 +1,18 @@
-"""Where the adjustment of an elliptic cylinder starts: trial directions, ellipses in the planes normal to them, concentration.
+"""Where the adjustment of an elliptic cylinder starts: trial directions, ellipses in the planes
+normal to them, concentration.
 
-A cylinder has no closed form through a few points. But seen along its axis it is an ellipse, and five points give one. So
+A cylinder has no closed form through a few points. But seen along its axis it is an ellipse, and
+five points give one. So
 
-1. along each of a number of trial directions the best ellipse through samples of five projected points, or the direct fit of
-   all, moved by a few damped Gauss-Newton steps on the h closest points, all seven parameters free: that mends the direction;
-2. along the best directions so found more such ellipses, and these moved in the same way to the end.
+1. along each of a number of trial directions the best ellipse through samples of five projected
+points, or the direct fit of
+   all, moved by a few damped Gauss-Newton steps on the h closest points, all seven parameters free:
+   that mends the direction;
+2. along the best directions so found more such ellipses, and these moved in the same way to the
+end.
 
-With h a little more than half of the points this is least trimmed squares (Rousseeuw & Van Driessen 2006), with h all of
-them an orthogonal distance fit. A subset of the points is enough for both.
+With h a little more than half of the points this is least trimmed squares (Rousseeuw & Van Driessen
+2006), with h all of them an orthogonal distance fit. A subset of the points is enough for both.
 """
 
 from __future__ import annotations
@@ -18,14 +23,20 @@ from ..adjustment.linalg import solve
 from ..orthogonal.least_trimmed_squares import closest, trimmed_sum, trimmed_variance
 from .ellipse import EllipseModel
 
-SCREENED = 500  # points by which the samples are compared; with 45 % bad ones, chance seldom makes half of them bad
-SAMPLES = 300  # along each trial direction: with 42 % bad points about 20 of them are clean; of 100 two starts in a hundred failed
+# points by which the samples are compared; with 45 % bad ones, chance seldom makes half of them bad
+SCREENED = 500
+# along each trial direction: with 42 % bad points about 20 of them are clean; of 100 two starts in
+# a hundred failed
+SAMPLES = 300
 CANDIDATES = 12  # directions that are looked at again, and cylinders that are followed to the end
 KEPT = 6  # of the samples along each of these directions, those that are followed
 
 
-def started(model, D: np.ndarray, axis: np.ndarray | None, seed: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Cylinders near the clouds D (B, n, 3) in their frames, x (B, 15), and the spread of the distances (B,) as a standard deviation.
+def started(
+    model, D: np.ndarray, axis: np.ndarray | None, seed: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cylinders near the clouds D (B, n, 3) in their frames, x (B, 15), and the spread of the
+    distances (B,) as a standard deviation.
 
     axis : (3,) approximate direction, or None to try directions all over
     seed : of the samples for least trimmed squares, or None to fit all points alike
@@ -34,15 +45,26 @@ def started(model, D: np.ndarray, axis: np.ndarray | None, seed: int | None) -> 
     return np.stack([x for x, _ in found]), np.array([spread for _, spread in found])
 
 
-def _started(model, D: np.ndarray, axis: np.ndarray | None, seed: int | None) -> tuple[np.ndarray, float]:
+def _started(
+    model, D: np.ndarray, axis: np.ndarray | None, seed: int | None
+) -> tuple[np.ndarray, float]:
     generator = np.random.default_rng(0 if seed is None else seed)
     D = D[generator.permutation(len(D))]
     few = D[:SCREENED]
     directions = trial_directions(D) if axis is None else axis[None]
-    draws = None if seed is None else np.argsort(generator.uniform(size=(SAMPLES, len(few))), axis=-1)[:, :5]
-    h, h_few = (len(points) if seed is None else (len(points) + model.degrees + 1) // 2 for points in (D, few))
+    draws = (
+        None
+        if seed is None
+        else np.argsort(generator.uniform(size=(SAMPLES, len(few))), axis=-1)[:, :5]
+    )
+    h, h_few = (
+        len(points) if seed is None else (len(points) + model.degrees + 1) // 2
+        for points in (D, few)
+    )
     for kept in (1 if axis is None else KEPT, KEPT):
-        x = np.concatenate([_along(few, frame, draws, h_few, kept) for frame in _frames_along(directions)])
+        x = np.concatenate(
+            [_along(few, frame, draws, h_few, kept) for frame in _frames_along(directions)]
+        )
         x, cost = concentrated(model, x, few, h_few, 6)
         x = x[np.argsort(cost)[:CANDIDATES]]
         directions = x[:, 9:12]
@@ -55,9 +77,11 @@ def _started(model, D: np.ndarray, axis: np.ndarray | None, seed: int | None) ->
 
 
 def trial_directions(D: np.ndarray) -> np.ndarray:
-    """(C, 3) unit vectors: the principal axes of a cloud (n, 3), some close around them, and a hemisphere about 17° apart.
+    """(C, 3) unit vectors: the principal axes of a cloud (n, 3), some close around them, and a
+    hemisphere about 17° apart.
 
-    The principal axes are those of the shape matrix of Tyler (1987), for which far points count no more than near ones.
+    The principal axes are those of the shape matrix of Tyler (1987), for which far points count no
+    more than near ones.
     """
     D = D - np.median(D, axis=0)
     D = D[np.einsum("ni,ni->n", D, D) > 0]
@@ -76,7 +100,12 @@ def trial_directions(D: np.ndarray) -> np.ndarray:
 
 
 def _directions(tilt, azimuth: np.ndarray) -> np.ndarray:
-    return np.stack(np.broadcast_arrays(np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)), axis=-1)
+    return np.stack(
+        np.broadcast_arrays(
+            np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)
+        ),
+        axis=-1,
+    )
 
 
 def _frames_along(directions: np.ndarray) -> np.ndarray:
@@ -86,11 +115,16 @@ def _frames_along(directions: np.ndarray) -> np.ndarray:
     return np.stack([e1, np.cross(directions, e1), directions], axis=-2)
 
 
-# ---------------------------------------------------------------------------- ellipses along a direction
+# ---------------------------------------------------------------------------- ellipses along a
+# direction
 
 
-def _along(D: np.ndarray, frame: np.ndarray, draws: np.ndarray | None, h: int, kept: int) -> np.ndarray:
-    """The ``kept`` cylinders x (…, 15) along one direction with the least sum of their h smallest squared distances."""
+def _along(
+    D: np.ndarray, frame: np.ndarray, draws: np.ndarray | None, h: int, kept: int
+) -> np.ndarray:
+    """The ``kept`` cylinders x (…, 15) along one direction with the least sum of their h smallest
+    squared distances.
+    """
     seen = D @ frame[:2].T
     if draws is None:
         ellipses = EllipseModel.algebraic(seen, np.ones(len(seen)))[None]
@@ -106,8 +140,12 @@ def _along(D: np.ndarray, frame: np.ndarray, draws: np.ndarray | None, h: int, k
 # ---------------------------------------------------------------------------- concentration
 
 
-def concentrated(model, x: np.ndarray, D: np.ndarray, h: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Each x (K, 15) after damped Gauss-Newton steps that lessen the sum of the h smallest squared distances, and that sum, (K,)."""
+def concentrated(
+    model, x: np.ndarray, D: np.ndarray, h: int, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Each x (K, 15) after damped Gauss-Newton steps that lessen the sum of the h smallest squared
+    distances, and that sum, (K,).
+    """
     D = np.broadcast_to(D, (len(x),) + D.shape)
     cost = trimmed_sum(model, x[:, None], D, h)[:, 0]
     damping = np.full(len(x), 1e-3)
@@ -115,7 +153,9 @@ def concentrated(model, x: np.ndarray, D: np.ndarray, h: int, steps: int) -> tup
         f, J = model.linearised(x, D)
         weighed = J * closest(f, h)[:, None, :]
         N = weighed @ J.swapaxes(-1, -2)
-        N += (damping * np.trace(N, axis1=-2, axis2=-1) / model.degrees)[:, None, None] * np.eye(model.degrees)
+        N += (damping * np.trace(N, axis1=-2, axis2=-1) / model.degrees)[:, None, None] * np.eye(
+            model.degrees
+        )
         new = model.moved(x, -solve(N, weighed @ f[..., None])[..., 0])
         now = trimmed_sum(model, new[:, None], D, h)[:, 0]
         better = now < cost

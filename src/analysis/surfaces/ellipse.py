@@ -2,12 +2,14 @@
 
     p = (u0, v0) + S e,   |e| = 1,   S = [m + g, h; h, m − g]
 
-with m = (a + b)/2 and (g, h) = (a − b)/2 · (cos 2φ, sin 2φ). In these five numbers a circle is nothing special: the
-adjustment and its covariance stay regular where the direction φ of the major axis is lost. What a fit reports as
-``parameters`` is (u0, v0, a, b, φ); what its covariance is good for at any shape are functions of (u0, v0, m, g, h).
+with m = (a + b)/2 and (g, h) = (a − b)/2 · (cos 2φ, sin 2φ). In these five numbers a circle is
+nothing special: the adjustment and its covariance stay regular where the direction φ of the major
+axis is lost. What a fit reports as ``parameters`` is (u0, v0, a, b, φ); what its covariance is good
+for at any shape are functions of (u0, v0, m, g, h).
 
-The foot of a point is the place on the ellipse nearest to it. It is found in the axes of the ellipse from one scalar equation
-a point, whose Newton iteration rises to the root from below for every point: inside, at the centre, on an axis.
+The foot of a point is the place on the ellipse nearest to it. It is found in the axes of the
+ellipse from one scalar equation a point, whose Newton iteration rises to the root from below for
+every point: inside, at the centre, on an axis.
 """
 
 from __future__ import annotations
@@ -22,13 +24,22 @@ from ..adjustment.weights import IGG3
 from ..checks import positive, whole_number
 from ..orthogonal.cloud import ROUNDING, Cloud, Points, closed_form, frame_of
 from ..result import Fit
-from .conic import axes_of, conic_of, direct_from_factor, direct_from_points, ellipse_of, rows, through
+from .conic import (
+    axes_of,
+    conic_of,
+    direct_from_factor,
+    direct_from_points,
+    ellipse_of,
+    rows,
+    through,
+)
 
 PARAMETERS = 5
 MAD = 1.4826  # makes the median of |d| a standard deviation at the normal law
 STANDS_STILL = 1e-10  # change of the robust direct ellipse, in the frame's unit
 NEAREST_TO_ZERO = 1e-30  # coordinate of a point in the ellipse's own unit
-# A fit to points on one branch of a hyperbola runs away along ellipses that only grow. Mean semi-axis in units of the cloud's extent,
+# A fit to points on one branch of a hyperbola runs away along ellipses that only grow. Mean
+# semi-axis in units of the cloud's extent,
 LARGEST = 1e4  # beyond which that is so however the iteration ended
 LARGE = 100.0  # beyond which it is the reason for not converging
 NO_ELLIPSE = "no ellipse: the points lie closer to a parabola or hyperbola, towards which ellipses grow without end"
@@ -49,27 +60,35 @@ class EllipseModel:
 
     @staticmethod
     def moved(x: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """x (…, 5) after a step, shortened where it is longer than m or would take off more than 0.8 of the minor semi-axis."""
+        """x (…, 5) after a step, shortened where it is longer than m or would take off more than
+        0.8 of the minor semi-axis.
+        """
         b, new = _minor(x), _minor(x + step)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.minimum(1.0, x[..., 2] / np.linalg.norm(step, axis=-1))
-            # The minor semi-axis is a concave function of x: on the way it is nowhere below its chord.
+            # The minor semi-axis is a concave function of x: on the way it is nowhere below its
+            # chord.
             share = np.where(new < 0.2 * b, np.minimum(share, 0.8 * b / (b - new)), share)
         return x + np.where(np.isfinite(share), share, 1.0)[..., None] * step
 
     @staticmethod
     def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Distances of first order ``(|q| − 1)|q|/|S⁻¹q|``, q = S⁻¹(p − centre), x (B, K, 5) → (B, K, n); exact for a circle.
+        """Distances of first order ``(|q| − 1)|q|/|S⁻¹q|``, q = S⁻¹(p − centre), x (B, K, 5) → (B,
+        K, n); exact for a circle.
 
-        Good enough to rank candidates, of which there are many: two quadratic forms, and no iteration.
+        Good enough to rank candidates, of which there are many: two quadratic forms, and no
+        iteration.
         """
         monomials = rows(points[..., 0], points[..., 1])[..., [3, 4, 5, 1, 2, 0], :]
         square = conic_of(x) @ monomials
         square += 1.0  # |q|²
         np.maximum(square, 0.0, out=square)
-        # S² = [m² + g² + h² + 2mg, 2mh; ·, ·] is the matrix of another ellipse, with the squares of the semi-axes.
+        # S² = [m² + g² + h² + 2mg, 2mh; ·, ·] is the matrix of another ellipse, with the squares of
+        # the semi-axes.
         m, g, h = x[..., 2], x[..., 3], x[..., 4]
-        squared = np.stack([x[..., 0], x[..., 1], m * m + g * g + h * h, 2.0 * m * g, 2.0 * m * h], axis=-1)
+        squared = np.stack(
+            [x[..., 0], x[..., 1], m * m + g * g + h * h, 2.0 * m * g, 2.0 * m * h], axis=-1
+        )
         slope = conic_of(squared) @ monomials
         slope += 1.0  # |S⁻¹q|²
         np.maximum(slope, np.finfo(float).tiny, out=slope)
@@ -80,16 +99,22 @@ class EllipseModel:
 
     @staticmethod
     def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Orthogonal distances (…, n) of points (…, n, 2) from x (…, 5), and their Jacobian (…, 5, n).
+        """Orthogonal distances (…, n) of points (…, n, 2) from x (…, 5), and their Jacobian (…, 5,
+        n).
 
-        The distance is ``n · (p − centre − S e)``, and its derivative −n · ∂(centre + S e)/∂x at fixed e, because neither the foot's
-        move along the ellipse nor the normal's turn changes it.
+        The distance is ``n · (p − centre − S e)``, and its derivative −n · ∂(centre + S e)/∂x at
+        fixed e, because neither the foot's move along the ellipse nor the normal's turn changes it.
         """
         P, e, normals = _feet(x, points)
         (eu, ev), (nu, nv) = np.moveaxis(e, -2, 0), np.moveaxis(normals, -2, 0)
         m, g, h = np.moveaxis(x[..., 2:, None], -2, 0)
         J = -np.stack([nu, nv, nu * eu + nv * ev, nu * eu - nv * ev, nu * ev + nv * eu], axis=-2)
-        d = np.einsum("...in,...in->...n", normals, P) + m * J[..., 2, :] + g * J[..., 3, :] + h * J[..., 4, :]
+        d = (
+            np.einsum("...in,...in->...n", normals, P)
+            + m * J[..., 2, :]
+            + g * J[..., 3, :]
+            + h * J[..., 4, :]
+        )
         return d, J
 
     @staticmethod
@@ -101,14 +126,18 @@ class EllipseModel:
     def adjusted(x: np.ndarray, points: Points) -> np.ndarray:
         """The places on the ellipse nearest to the points in the metric of Q⁻¹, (B, n, 2).
 
-        In the coordinates ``T p`` with ``TᵀT = Q⁻¹``, of each point its own, they are the feet on the ellipse that T makes of this one.
+        In the coordinates ``T p`` with ``TᵀT = Q⁻¹``, of each point its own, they are the feet on
+        the ellipse that T makes of this one.
         """
         sd = np.sqrt(points.variances)
         centre = x[:, None, :2]
         q = np.einsum("bnij,bni->bnj", points.axes, points.D - centre) / sd
         T_S = points.axes.swapaxes(-1, -2) @ _matrix(x)[:, None] / sd[..., None]
         H = T_S @ T_S.swapaxes(-1, -2)  # whose eigenvalues are the squared semi-axes
-        half_sum, half_difference = 0.5 * (H[..., 0, 0] + H[..., 1, 1]), 0.5 * (H[..., 0, 0] - H[..., 1, 1])
+        half_sum, half_difference = (
+            0.5 * (H[..., 0, 0] + H[..., 1, 1]),
+            0.5 * (H[..., 0, 0] - H[..., 1, 1]),
+        )
         a = np.sqrt(half_sum + np.hypot(half_difference, H[..., 0, 1]))
         b = np.abs(T_S[..., 0, 0] * T_S[..., 1, 1] - T_S[..., 0, 1] * T_S[..., 1, 0]) / a
         angle = 0.5 * np.arctan2(H[..., 0, 1], half_difference)
@@ -144,13 +173,17 @@ def _matrix(x: np.ndarray) -> np.ndarray:
 
 
 def _feet(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """p − centre, e of the foot and the outward normal there, each (…, 2, n), of points (…, n, 2) and ellipses x (…, 5)."""
+    """p − centre, e of the foot and the outward normal there, each (…, 2, n), of points (…, n, 2)
+    and ellipses x (…, 5).
+    """
     P = points.swapaxes(-1, -2) - x[..., :2, None]
     half = np.hypot(x[..., 3], x[..., 4])
     a, b = (x[..., 2] + half)[..., None], (x[..., 2] - half)[..., None]
     angle = 0.5 * np.arctan2(x[..., 4], x[..., 3])[..., None]
     c, s = np.cos(angle), np.sin(angle)
-    ct, st = _eccentric(c * P[..., 0, :] + s * P[..., 1, :], c * P[..., 1, :] - s * P[..., 0, :], a, b)
+    ct, st = _eccentric(
+        c * P[..., 0, :] + s * P[..., 1, :], c * P[..., 1, :] - s * P[..., 0, :], a, b
+    )
     e = np.stack([c * ct - s * st, s * ct + c * st], axis=-2)
     along, across = b * ct, a * st
     size = np.hypot(along, across)
@@ -159,12 +192,16 @@ def _feet(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     return P, e, np.stack([c * along - s * across, s * along + c * across], axis=-2)
 
 
-def _eccentric(X: np.ndarray, Y: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(cos τ, sin τ) of the foot (a cos τ, b sin τ) of points (X, Y) in the axes of their ellipses, a ≥ b.
+def _eccentric(
+    X: np.ndarray, Y: np.ndarray, a: np.ndarray, b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(cos τ, sin τ) of the foot (a cos τ, b sin τ) of points (X, Y) in the axes of their ellipses,
+    a ≥ b.
 
-    The foot is ``(a²X/(w + a² − b²), b²Y/w)`` with the root w > 0 of |(cos τ, sin τ)| = 1. Newton on 1/|(cos τ, sin τ)|, which is nearly
-    linear in w, rises to it from where one of the two is 1. On an axis a point is moved off it by nothing that counts, so that
-    inside the evolute, where two feet are equally near, it has one of them.
+    The foot is ``(a²X/(w + a² − b²), b²Y/w)`` with the root w > 0 of |(cos τ, sin τ)| = 1. Newton
+    on 1/|(cos τ, sin τ)|, which is nearly linear in w, rises to it from where one of the two is 1.
+    On an axis a point is moved off it by nothing that counts, so that inside the evolute, where two
+    feet are equally near, it has one of them.
     """
     aX = a * np.maximum(np.abs(X), NEAREST_TO_ZERO * a)
     bY = b * np.maximum(np.abs(Y), NEAREST_TO_ZERO * b)
@@ -180,13 +217,18 @@ def _eccentric(X: np.ndarray, Y: np.ndarray, a: np.ndarray, b: np.ndarray) -> tu
     return np.copysign(cos / size, X), np.copysign(sin / size, Y)
 
 
-def polar(x: np.ndarray, angles: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Radii of ellipses x (…, 5) from a pole (…, 2) inside, towards (sin α, cos α) for angles α (K,): up is 0, right is positive.
+def polar(
+    x: np.ndarray, angles: np.ndarray, pole: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radii of ellipses x (…, 5) from a pole (…, 2) inside, towards (sin α, cos α) for angles α
+    (K,): up is 0, right is positive.
 
-    ``|q + ρ D| = 1`` with q = S⁻¹(pole − centre), D = S⁻¹(sin α, cos α), of which ρ is the positive root.
+    ``|q + ρ D| = 1`` with q = S⁻¹(pole − centre), D = S⁻¹(sin α, cos α), of which ρ is the positive
+    root.
 
-    Returns ρ (…, K) in m, NaN where the pole is outside; ∂ρ/∂x (…, K, 5), which follows from ``d(x, pole + ρδ) = 0`` for the orthogonal
-    distance d; and ∂ρ/∂t (…, K, 2) of a shift t of the ellipse.
+    Returns ρ (…, K) in m, NaN where the pole is outside; ∂ρ/∂x (…, K, 5), which follows from
+    ``d(x, pole + ρδ) = 0`` for the orthogonal distance d; and ∂ρ/∂t (…, K, 2) of a shift t of the
+    ellipse.
 
     >>> radii, *_ = polar(np.array([0.0, 0.0, 1.5, 0.5, 0.0]), np.deg2rad([0.0, 90.0, -90.0]), np.array([0.5, 0.0]))
     >>> radii[1:]
@@ -204,7 +246,8 @@ def polar(x: np.ndarray, angles: np.ndarray, pole: np.ndarray) -> tuple[np.ndarr
         radii = (np.sqrt(np.where(q0 < 0, q1 * q1 - q2 * q0, np.nan)) - q1) / q2
     places = np.asarray(pole)[..., None, :] + radii[..., None] * delta
     J = EllipseModel.linearised(x, places)[1].swapaxes(-1, -2)
-    gradient = J / np.einsum("...ki,ki->...k", J[..., :2], delta)[..., None]  # J holds −n in front; −J/(n · δ)
+    # J holds −n in front; −J/(n · δ)
+    gradient = J / np.einsum("...ki,ki->...k", J[..., :2], delta)[..., None]
     return radii, gradient, gradient[..., :2]
 
 
@@ -212,9 +255,11 @@ def polar(x: np.ndarray, angles: np.ndarray, pole: np.ndarray) -> tuple[np.ndarr
 class EllipseFit(Fit):
     """A fitted ellipse; ``parameters`` are (u0, v0, a, b, φ) in m and rad, a ≥ b, φ in [0, π).
 
-    regular : (…, 5) the same ellipse as (u0, v0, m, g, h) in m: m = (a + b)/2, (g, h) = (a − b)/2 · (cos 2φ, sin 2φ)
-    regular_cofactor : (…, 5, 5) of these. Where a − b is not many times its standard deviation, φ and a − b are far from normally
-        distributed and their entries in ``cofactor`` say little (of a circle: nothing); these hold at any shape.
+    regular : (…, 5) the same ellipse as (u0, v0, m, g, h) in m: m = (a + b)/2, (g, h) = (a − b)/2 ·
+        (cos 2φ, sin 2φ)
+    regular_cofactor : (…, 5, 5) of these. Where a − b is not many times its standard deviation, φ
+        and a − b are far from normally distributed and their entries in ``cofactor`` say little (of
+        a circle: nothing); these hold at any shape.
     """
 
     regular: np.ndarray | None = None
@@ -240,7 +285,9 @@ class EllipseFit(Fit):
 
     @property
     def conic(self) -> np.ndarray:
-        """(…, 6) of ``A u² + B uv + C v² + D u + E v + F = 0``, −1 at the centre. Far from the origin it loses digits."""
+        """(…, 6) of ``A u² + B uv + C v² + D u + E v + F = 0``, −1 at the centre. Far from the
+        origin it loses digits.
+        """
         return conic_of(self.regular)
 
     @property
@@ -250,8 +297,12 @@ class EllipseFit(Fit):
             return self.regular_cofactor
         return np.asarray(self.sigma_0)[..., None, None] ** 2 * self.regular_cofactor
 
-    def polar(self, angles: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """:func:`polar` of the fitted ellipse; the covariance of what its gradient refers to is ``regular_covariance``."""
+    def polar(
+        self, angles: np.ndarray, pole: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """:func:`polar` of the fitted ellipse; the covariance of what its gradient refers to is
+        ``regular_covariance``.
+        """
         return polar(self.regular, angles, pole)
 
     def surface(self) -> tuple[EllipseModel, np.ndarray, np.ndarray]:
@@ -263,7 +314,8 @@ class EllipseFit(Fit):
 class EllipseCloud(Cloud):
     """A stack of plane clouds with what every method of the ellipse needs of them first.
 
-    factor : (B, 6, 6) triangular factor of the weighted rows ``(1, u, v, u², uv, v²)`` in the cloud's frame
+    factor : (B, 6, 6) triangular factor of the weighted rows ``(1, u, v, u², uv, v²)`` in the
+        cloud's frame
     """
 
     factor: np.ndarray
@@ -279,11 +331,13 @@ class EllipseCloud(Cloud):
     def bias(self, x: np.ndarray, sigma_0: np.ndarray) -> np.ndarray:
         """(B, 5) bias of second order of an orthogonal fit with equal isotropic noise.
 
-        Noise along the ellipse takes a point off it, outwards, by κσ²/2 on average with the curvature κ, and that is what the
-        parameters follow: for a circle σ²/(2r) of the radius.
+        Noise along the ellipse takes a point off it, outwards, by κσ²/2 on average with the
+        curvature κ, and that is what the parameters follow: for a circle σ²/(2r) of the radius.
         """
         if self.cofactors is not None or self.weights is not None:
-            raise ValueError("bias_correction: expected equally precise points, got weights or cofactors")
+            raise ValueError(
+                "bias_correction: expected equally precise points, got weights or cofactors"
+            )
         D = self.observations().all().D
         _, J = self.model.linearised(x, D)
         _, e, _ = _feet(x, D)
@@ -292,8 +346,12 @@ class EllipseCloud(Cloud):
         return -solve(J @ J.swapaxes(-1, -2), J @ outwards[..., None])[..., 0]
 
     def fit(self, method: str, adjusted) -> EllipseFit:
-        """The result in m of an adjustment of (u0, v0, m, g, h) in the cloud's frame (``robust.Adjusted``)."""
-        return self._assembled(method, adjusted.x, adjusted.cofactor, adjusted.sigma, adjusted.ended, adjusted.weights)
+        """The result in m of an adjustment of (u0, v0, m, g, h) in the cloud's frame
+        (``robust.Adjusted``).
+        """
+        return self._assembled(
+            method, adjusted.x, adjusted.cofactor, adjusted.sigma, adjusted.ended, adjusted.weights
+        )
 
     def _assembled(self, method, x, cofactor, sigma_0, ended: Ended, weights=None) -> EllipseFit:
         length = self.length[:, None]
@@ -302,9 +360,12 @@ class EllipseCloud(Cloud):
         regular_cofactor = cofactor * length[..., None] ** 2
         parameters, J = axes_of(regular)
         distances = np.empty(self.points.shape[:2])
-        centred = np.concatenate([length * x[:, :2], regular[:, 2:]], axis=-1)  # digits lost in `regular` far from the origin
+        # digits lost in `regular` far from the origin
+        centred = np.concatenate([length * x[:, :2], regular[:, 2:]], axis=-1)
         for piece in self.pieces():
-            distances[:, piece] = self.model.linearised(centred, self.points[:, piece] - self.origin[:, None])[0]
+            distances[:, piece] = self.model.linearised(
+                centred, self.points[:, piece] - self.origin[:, None]
+            )[0]
         endless = ~(x[:, 2] <= np.where(ended.converged, LARGEST, LARGE))
         return EllipseFit(
             method=method,
@@ -321,23 +382,36 @@ class EllipseCloud(Cloud):
         )
 
 
-def reduce(points: np.ndarray, weights=None, cofactors=None, first: int | None = None) -> EllipseCloud:
-    """Centre, scale and factorise a stack ``(B, n, 2)``; arguments as the fields of :class:`~analysis.orthogonal.cloud.Cloud`.
+def reduce(
+    points: np.ndarray, weights=None, cofactors=None, first: int | None = None
+) -> EllipseCloud:
+    """Centre, scale and factorise a stack ``(B, n, 2)``; arguments as the fields of
+    :class:`~analysis.orthogonal.cloud.Cloud`.
 
-    Raises ``ValueError`` when the points of a cloud lie on a line, or when more than one conic passes through them, as far as their
-    coordinates can tell.
+    Raises ``ValueError`` when the points of a cloud lie on a line, or when more than one conic
+    passes through them, as far as their coordinates can tell.
     """
     frame = Cloud(points, weights, cofactors, first, *frame_of(points))
     cloud = EllipseCloud(**vars(frame), factor=frame.factor_of(_rows))
     extents = np.linalg.svd(cloud.factor[:, 1:3, 1:3], compute_uv=False) * cloud.length[:, None]
     if bad := cloud.degenerate(extents, 2):
         shape = ("all at one place", "on one line")[bad[1]]
-        raise ValueError(f"points: expected points that determine an ellipse, got points {shape}{cloud.name(bad[0])}")
+        raise ValueError(
+            f"points: expected points that determine an ellipse, got points {shape}{cloud.name(bad[0])}"
+        )
     s = np.linalg.svd(cloud.factor[:, 3:, 3:], compute_uv=False)
-    # Of the three combinations of u², uv and v² that are left of lines, one may be constant on the points, but not two.
-    rounding = 16 * np.sqrt(cloud.count) * np.finfo(float).eps * (1.0 + np.abs(cloud.origin).max(axis=-1) / cloud.length)
+    # Of the three combinations of u², uv and v² that are left of lines, one may be constant on the
+    # points, but not two.
+    rounding = (
+        16
+        * np.sqrt(cloud.count)
+        * np.finfo(float).eps
+        * (1.0 + np.abs(cloud.origin).max(axis=-1) / cloud.length)
+    )
     if len(bad := np.flatnonzero(s[:, 1] <= np.maximum(rounding, 1e-10) * s[:, 0])):
-        raise ValueError(f"points: expected points that determine an ellipse, got points on more than one conic{cloud.name(int(bad[0]))}")
+        raise ValueError(
+            f"points: expected points that determine an ellipse, got points on more than one conic{cloud.name(int(bad[0]))}"
+        )
     return cloud
 
 
@@ -350,12 +424,15 @@ def _rows(points: np.ndarray, origin: np.ndarray, length: np.ndarray) -> np.ndar
 
 
 def direct(cloud: EllipseCloud) -> EllipseFit:
-    """Direct least squares, ``min Σ P f²`` with 4AC − B² = 1: the algebraic conic that is always an ellipse.
+    """Direct least squares, ``min Σ P f²`` with 4AC − B² = 1: the algebraic conic that is always an
+    ellipse.
 
-    σ0 = √(ΣPd²/(n − 5)) of the orthogonal distances. Its covariance is that of a fit whose residual f is d times the slope of f. The
-    condition favours small and flat ellipses: with noise the semi-axes come out too small, much so on a short arc.
+    σ0 = √(ΣPd²/(n − 5)) of the orthogonal distances. Its covariance is that of a fit whose residual
+    f is d times the slope of f. The condition favours small and flat ellipses: with noise the
+    semi-axes come out too small, much so on a short arc.
 
-    Source: Fitzgibbon, Pilu & Fisher 1999; Halir & Flusser 1998, in the centred frame; Li et al. 2015, section 3.4.2.
+    Source: Fitzgibbon, Pilu & Fisher 1999; Halir & Flusser 1998, in the centred frame; Li et al.
+    2015, section 3.4.2.
     """
     conic, natural = direct_from_factor(cloud.factor)
     x = ellipse_of(conic)
@@ -366,13 +443,18 @@ def direct(cloud: EllipseCloud) -> EllipseFit:
     return cloud._assembled("direct", x, cofactor, sigma, _only_ellipses(closed_form(x), natural))
 
 
-def robust_direct(cloud: EllipseCloud, *, k0: float = 1.5, k1: float = 2.5, max_iterations: int = 200) -> EllipseFit:
-    """Direct least squares with IGG III weights of the distances over their MAD, repeated until the ellipse stands still.
+def robust_direct(
+    cloud: EllipseCloud, *, k0: float = 1.5, k1: float = 2.5, max_iterations: int = 200
+) -> EllipseFit:
+    """Direct least squares with IGG III weights of the distances over their MAD, repeated until the
+    ellipse stands still.
 
-    The weights multiply the a-priori ones and do not accumulate. It starts from all points, so a large group of gross errors on one side
-    can hold it. σ0 = 1.4826 med|d| n/(n − 5), the scale that the weights were found with.
+    The weights multiply the a-priori ones and do not accumulate. It starts from all points, so a
+    large group of gross errors on one side can hold it. σ0 = 1.4826 med|d| n/(n − 5), the scale
+    that the weights were found with.
 
-    Source: after Xu & Yao 2008, as cited by Li et al. 2015, section 3.4.2; weights of Ou & Liu 2017, eq. (13).
+    Source: after Xu & Yao 2008, as cited by Li et al. 2015, section 3.4.2; weights of Ou & Liu
+    2017, eq. (13).
     """
     function = IGG3(positive(k0, "k0"), positive(k1, "k1"))
     whole_number(max_iterations, "max_iterations")
@@ -383,13 +465,20 @@ def robust_direct(cloud: EllipseCloud, *, k0: float = 1.5, k1: float = 2.5, max_
         x, _, _ = state
         u = np.abs(model.linearised(x, points.D)[0]) / np.sqrt(points.variances)
         sigma = MAD * redundancy * np.median(u, axis=-1)
-        weights = function.weight(u / np.maximum(sigma[:, None], ROUNDING / np.sqrt(points.variances)))
+        weights = function.weight(
+            u / np.maximum(sigma[:, None], ROUNDING / np.sqrt(points.variances))
+        )
         new = model.algebraic(points.D, weights / points.variances)
         change = np.max(np.abs(new - x), axis=-1)
         lost = ~np.isfinite(change)
-        return (np.where(lost[:, None], x, new), sigma, weights), np.select([lost, change <= STANDS_STILL], [1, 2], 0)
+        return (np.where(lost[:, None], x, new), sigma, weights), np.select(
+            [lost, change <= STANDS_STILL], [1, 2], 0
+        )
 
-    endings = [(False, "not converged: the points in use determine no ellipse"), (True, "the ellipse stands still")]
+    endings = [
+        (False, "not converged: the points in use determine no ellipse"),
+        (True, "the ellipse stands still"),
+    ]
     points = cloud.observations().all()
     start = (cloud.start(), np.zeros(len(points.D)), np.ones((len(points.D), n)))
     ended = iterate(points, start, advance, endings, max_iterations)
@@ -397,16 +486,24 @@ def robust_direct(cloud: EllipseCloud, *, k0: float = 1.5, k1: float = 2.5, max_
     factor = function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
     cofactor = factor * _algebraic_cofactor(x, points, weights)
     _, natural = direct_from_points(points.D, weights / points.variances)
-    return cloud._assembled("robust_direct", x, cofactor, sigma, _only_ellipses(ended, natural), weights)
+    return cloud._assembled(
+        "robust_direct", x, cofactor, sigma, _only_ellipses(ended, natural), weights
+    )
 
 
 def _only_ellipses(ended: Ended, natural: np.ndarray) -> Ended:
     """Take back the convergence where only the condition makes an ellipse of the conic."""
-    return replace(ended, converged=ended.converged & natural, stop_reason=np.where(natural, ended.stop_reason, NOT_NATURAL))
+    return replace(
+        ended,
+        converged=ended.converged & natural,
+        stop_reason=np.where(natural, ended.stop_reason, NOT_NATURAL),
+    )
 
 
 def _algebraic_cofactor(x: np.ndarray, points: Points, weights: np.ndarray) -> np.ndarray:
-    """Cofactor ``N⁻¹MN⁻¹``, N = Σ G²wJJᵀ, M = Σ G⁴w²v/ω JJᵀ, w = ω/v: f ≈ G d, where G is the slope of f at the foot."""
+    """Cofactor ``N⁻¹MN⁻¹``, N = Σ G²wJJᵀ, M = Σ G⁴w²v/ω JJᵀ, w = ω/v: f ≈ G d, where G is the slope
+    of f at the foot.
+    """
     _, J = EllipseModel.linearised(x, points.D)
     _, e, _ = _feet(x, points.D)
     squared = (_speed(x, e) / _area(x)[:, None]) ** 2  # |S⁻¹e|²
@@ -419,4 +516,6 @@ def _algebraic_cofactor(x: np.ndarray, points: Points, weights: np.ndarray) -> n
 def _speed(x: np.ndarray, e: np.ndarray) -> np.ndarray:
     """|dp/dτ| (…, n) at the places e (…, 2, n); it is |S⁻¹e| det S."""
     m, g, h = np.moveaxis(x[..., 2:, None], -2, 0)
-    return np.hypot((m - g) * e[..., 0, :] - h * e[..., 1, :], (m + g) * e[..., 1, :] - h * e[..., 0, :])
+    return np.hypot(
+        (m - g) * e[..., 0, :] - h * e[..., 1, :], (m + g) * e[..., 1, :] - h * e[..., 0, :]
+    )

@@ -1,4 +1,5 @@
-"""The sphere ``|p − k|² = r²`` as a linear errors-in-variables problem, and the methods that solve it.
+"""The sphere ``|p − k|² = r²`` as a linear errors-in-variables problem, and the methods that solve
+it.
 
     Y_i = w_i = |p_i|²,   A_i = (2x_i, 2y_i, 2z_i, 1),   X = (a, b, c, δ),   δ = r² − |k|²
                                                                     (Ou & Liu 2017, eqs. 1-2)
@@ -22,14 +23,21 @@ from ..adjustment.cofactors import gauss_newton_cofactor
 from ..adjustment.iteration import Ended, only_minima, solved
 from ..adjustment.linalg import cofactor_from_factor, propagate, solve, unit_weight_sd
 from ..adjustment.problem import CommonCofactors, EIVProblem, IndependentRows
-from ..adjustment.steps import derivatives, misclosures, newton_step, objective, schaffrin_wieser_step
+from ..adjustment.steps import (
+    derivatives,
+    misclosures,
+    newton_step,
+    objective,
+    schaffrin_wieser_step,
+)
 from ..adjustment.wtls import smallest_singular_solution
 from ..checks import positive, whole_number
 from ..orthogonal.cloud import Adjusted, Cloud, closed_form, frame_of
 from ..result import Fit
 
 PARAMETERS = 4
-NEARLY = 1e-9  # relative distance from the surface from which a step of Newton ends at rounding level
+# relative distance from the surface from which a step of Newton ends at rounding level
+NEARLY = 1e-9
 
 
 class SphereModel:
@@ -55,7 +63,9 @@ class SphereModel:
 
     @staticmethod
     def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """``|p − k| − r`` from |p|² − 2p·k + |k|², which in a centred frame loses nothing; x (B, K, 4) → (B, K, n)."""
+        """``|p − k| − r`` from |p|² − 2p·k + |k|², which in a centred frame loses nothing; x (B, K,
+        4) → (B, K, n).
+        """
         k = x[..., :3]
         squares = -2.0 * k @ points.swapaxes(-1, -2)
         squares += np.einsum("...i,...i->...", k, k)[..., None]
@@ -66,7 +76,9 @@ class SphereModel:
         return squares
 
     def linearised(self, x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (…, n) of points (…, n, 3) from x (…, 4), and their Jacobian ``(−(p − k)/|p − k|, −1)``, (…, 4 or 3, n)."""
+        """Distances (…, n) of points (…, n, 3) from x (…, 4), and their Jacobian
+        ``(−(p − k)/|p − k|, −1)``, (…, 4 or 3, n).
+        """
         J = np.empty(points.shape[:-2] + (self.degrees, points.shape[-2]))
         inwards = J[..., :3, :]
         np.subtract(x[..., :3, None], points.swapaxes(-1, -2), out=inwards)
@@ -108,7 +120,9 @@ class SphereModel:
 
     @staticmethod
     def through(samples: np.ndarray) -> np.ndarray:
-        """Spheres through four points (…, 4, 3): three differences of their equations give the centre."""
+        """Spheres through four points (…, 4, 3): three differences of their equations give the
+        centre.
+        """
         first, others = samples[..., :1, :], samples[..., 1:, :]
         D = others - first
         k = solve(2.0 * D, np.einsum("...ni,...ni->...n", D, D)[..., None])[..., 0]
@@ -117,10 +131,11 @@ class SphereModel:
 
 
 def _multipliers(q: np.ndarray, variances: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """The root μ > −1/max(variances) of ``Σ_i (q_i/(1 + μ v_i))² = r²`` of each column of q (3, n), with variances (3, n) and r (n,).
+    """The root μ > −1/max(variances) of ``Σ_i (q_i/(1 + μ v_i))² = r²`` of each column of q (3, n),
+    with variances (3, n) and r (n,).
 
-    Newton on 1/|y|, which is nearly linear in μ. A column that a last step has brought to rounding level is done: a few
-    grazing points need three times as many steps as the rest.
+    Newton on 1/|y|, which is nearly linear in μ. A column that a last step has brought to rounding
+    level is done: a few grazing points need three times as many steps as the rest.
     """
     limit = -1.0 / variances.max(axis=0)
     mu = np.zeros(q.shape[1])
@@ -129,7 +144,8 @@ def _multipliers(q: np.ndarray, variances: np.ndarray, r: np.ndarray) -> np.ndar
         factors = 1.0 / (1.0 + mu * variances)
         y_squared = q * factors
         y_squared *= y_squared
-        square = y_squared[0] + y_squared[1] + y_squared[2]  # quicker than a sum over so short an axis
+        # quicker than a sum over so short an axis
+        square = y_squared[0] + y_squared[1] + y_squared[2]
         excess = np.sqrt(square) - r
         y_squared *= variances
         y_squared *= factors
@@ -141,7 +157,14 @@ def _multipliers(q: np.ndarray, variances: np.ndarray, r: np.ndarray) -> np.ndar
         if not far.any():
             break
         if np.count_nonzero(far) < 0.7 * len(far):  # else the copies cost more than they save
-            q, variances, r, limit, mu, todo = q[:, far], variances[:, far], r[far], limit[far], mu[far], todo[far]
+            q, variances, r, limit, mu, todo = (
+                q[:, far],
+                variances[:, far],
+                r[far],
+                limit[far],
+                mu[far],
+                todo[far],
+            )
     return found
 
 
@@ -182,7 +205,13 @@ class SphereFit(Fit):
         x = self.parameters.reshape(-1, PARAMETERS)
         held = np.all(variances[:, 3] <= 1e-12 * variances.max(axis=-1))
         model = SphereModel(x[:, 3] if held else None)
-        return model, x, np.broadcast_to(np.eye(PARAMETERS)[:, : model.degrees], (len(x), PARAMETERS, model.degrees))
+        return (
+            model,
+            x,
+            np.broadcast_to(
+                np.eye(PARAMETERS)[:, : model.degrees], (len(x), PARAMETERS, model.degrees)
+            ),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,14 +232,19 @@ class SphereCloud(Cloud):
     def start(self) -> np.ndarray:
         """(B, 4) algebraic (a, b, c, r) in the cloud's frame, to go on from."""
         x = self.least_squares()
-        # Noise can leave the algebraic fit without a real sphere; any radius of the cloud's size will do then.
+        # Noise can leave the algebraic fit without a real sphere; any radius of the cloud's size
+        # will do then.
         radius = np.nan_to_num(real_radius(x), nan=1.0)
         return self.model.held(np.concatenate([x[:, :3], radius[:, None]], axis=-1))
 
     def bias(self, x: np.ndarray, sigma_0: np.ndarray) -> np.ndarray:
-        """(B, 4) bias of second order of an orthogonal fit with equal isotropic noise: σ²/r of the radius."""
+        """(B, 4) bias of second order of an orthogonal fit with equal isotropic noise: σ²/r of the
+        radius.
+        """
         if self.cofactors is not None or self.weights is not None or self.held_radius is not None:
-            raise ValueError("bias_correction: expected equally precise points and a free radius, got weights, cofactors or a held radius")
+            raise ValueError(
+                "bias_correction: expected equally precise points and a free radius, got weights, cofactors or a held radius"
+            )
         bias = np.zeros_like(x)
         bias[:, 3] = (sigma_0 / self.length) ** 2 / x[:, 3]
         return bias
@@ -223,7 +257,9 @@ class SphereCloud(Cloud):
         t = adjusted.cofactor.shape[-1]
         cofactor = np.zeros((len(parameters), PARAMETERS, PARAMETERS))
         cofactor[:, :t, :t] = adjusted.cofactor * length[..., None] ** 2
-        return self._assembled(method, parameters, cofactor, adjusted.sigma, adjusted.ended, adjusted.weights)
+        return self._assembled(
+            method, parameters, cofactor, adjusted.sigma, adjusted.ended, adjusted.weights
+        )
 
     def least_squares(self) -> np.ndarray:
         """(B, 4): minimises ``Σ P r²`` in the cloud's own frame."""
@@ -234,21 +270,38 @@ class SphereCloud(Cloud):
         return _rows(self.points, self.origin, self.length)
 
     def printed(self, unit_weight: float) -> PrintedSphere:
-        """The printed problem of eqs. (8)-(12): Q_X = 1/P_X for the three columns 2p, Q_Y = w Q_X, nothing in common."""
+        """The printed problem of eqs. (8)-(12): Q_X = 1/P_X for the three columns 2p, Q_Y = w Q_X,
+        nothing in common.
+        """
         Q_X = np.full((len(self.points), 1), 1.0) if self.weights is None else 1.0 / self.weights
         Q_X = Q_X / unit_weight
         w = np.einsum("bni,bni->bn", self.points, self.points)
-        # A point in the origin of the coordinates has Q_Y = w Q_X = 0 and P_Y without bound, which no solution survives.
+        # A point in the origin of the coordinates has Q_Y = w Q_X = 0 and P_Y without bound, which
+        # no solution survives.
         Q_Y = np.maximum(w, 1e-9 * w.max(axis=-1, keepdims=True)) * Q_X / self.length[:, None] ** 4
-        problem = EIVProblem(self.rows(), CommonCofactors(_common_cofactors(self, [1, 1, 1, 0, 0]), Q_X, Q_Y))
+        problem = EIVProblem(
+            self.rows(), CommonCofactors(_common_cofactors(self, [1, 1, 1, 0, 0]), Q_X, Q_Y)
+        )
         return PrintedSphere(problem, self.origin, self.length)
 
-    def finished(self, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()) -> SphereFit:
+    def finished(
+        self, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()
+    ) -> SphereFit:
         """The result in m from x = (k, δ) and its cofactor in the cloud's frame."""
         parameters, J = geometry(self.origin, self.length, x)
-        return self._assembled(method, parameters, propagate(cofactor, J), sigma_0, ended or closed_form(x), weights, history)
+        return self._assembled(
+            method,
+            parameters,
+            propagate(cofactor, J),
+            sigma_0,
+            ended or closed_form(x),
+            weights,
+            history,
+        )
 
-    def _assembled(self, method, parameters, cofactor, sigma_0, ended: Ended, weights=None, history=()) -> SphereFit:
+    def _assembled(
+        self, method, parameters, cofactor, sigma_0, ended: Ended, weights=None, history=()
+    ) -> SphereFit:
         distances = np.empty(self.points.shape[:2])
         for piece in self.pieces():
             D = self.points[:, piece] - parameters[:, None, :3]
@@ -263,13 +316,20 @@ class SphereCloud(Cloud):
             weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,
             iterations=ended.iterations,
             converged=ended.converged & ~imaginary,
-            stop_reason=np.where(imaginary, "no real sphere: the squared radius δ + |k|² came out negative", ended.stop_reason),
+            stop_reason=np.where(
+                imaginary,
+                "no real sphere: the squared radius δ + |k|² came out negative",
+                ended.stop_reason,
+            ),
             history=history,
         )
 
 
-def reduce(points: np.ndarray, weights=None, cofactors=None, first: int | None = None, *, radius=None) -> SphereCloud:
-    """Centre, scale and factorise a stack ``(B, n, 3)``; radius (B,) to be held or None, the others as the fields of :class:`Cloud`.
+def reduce(
+    points: np.ndarray, weights=None, cofactors=None, first: int | None = None, *, radius=None
+) -> SphereCloud:
+    """Centre, scale and factorise a stack ``(B, n, 3)``; radius (B,) to be held or None, the others
+    as the fields of :class:`Cloud`.
 
     Raises ``ValueError`` when the points of a cloud lie in a plane (so also on a circle, on a line
     or in one place) as far as their coordinates can tell: no sphere, or no single one, fits best.
@@ -292,12 +352,16 @@ def _rows(points: np.ndarray, origin: np.ndarray, length: np.ndarray) -> np.ndar
 
 
 def _require_a_sphere(cloud: SphereCloud) -> None:
-    """The extents of the cloud along its principal axes must all stand out from the rounding of the coordinates."""
+    """The extents of the cloud along its principal axes must all stand out from the rounding of the
+    coordinates.
+    """
     centred = np.linalg.qr(cloud.factor[..., [3, 0, 1, 2]], mode="r")[..., 1:, 1:]
     extents = np.linalg.svd(centred, compute_uv=False) * (0.5 * cloud.length[:, None])
     if bad := cloud.degenerate(extents, 3):
         shape = ("all at one place", "on one line", "in one plane (or on one circle)")[bad[1]]
-        raise ValueError(f"points: expected points that determine a sphere, got points {shape}{cloud.name(bad[0])}")
+        raise ValueError(
+            f"points: expected points that determine a sphere, got points {shape}{cloud.name(bad[0])}"
+        )
 
 
 def _to_cloud_frame(cloud: SphereCloud) -> np.ndarray:
@@ -327,7 +391,9 @@ def _to_printed_frame(cloud: SphereCloud) -> np.ndarray:
 
 
 def _common_cofactors(cloud: SphereCloud, printed: list[float]) -> np.ndarray:
-    """The common cofactor ``diag(printed)`` of the printed rows (2p, 1, |p|²), in the cloud's frame."""
+    """The common cofactor ``diag(printed)`` of the printed rows (2p, 1, |p|²), in the cloud's
+    frame.
+    """
     L = _to_cloud_frame(cloud)
     return (L * np.array(printed)) @ L.swapaxes(-1, -2)
 
@@ -342,11 +408,14 @@ def ls(cloud: SphereCloud) -> SphereFit:
     """
     x = cloud.least_squares()
     cofactor = cofactor_from_factor(cloud.factor[..., :4, :4])
-    return cloud.finished("ls", x, cofactor / cloud.length[:, None, None] ** 4, _algebraic_sd(cloud, x))
+    return cloud.finished(
+        "ls", x, cofactor / cloud.length[:, None, None] ** 4, _algebraic_sd(cloud, x)
+    )
 
 
 def tls(cloud: SphereCloud) -> SphereFit:
-    """Pure total least squares by SVD of ``[2p, 1 | w]``, ``min Σ r²/(1 + |X|²)``, as the paper uses it.
+    """Pure total least squares by SVD of ``[2p, 1 | w]``, ``min Σ r²/(1 + |X|²)``, as the paper
+    uses it.
 
     The constant column is taken as noisy and the result depends on the coordinate origin and on the
     unit of length; large coordinates lose it altogether. σ0 = √(Σr²/(n − 4)) in m², as printed.
@@ -360,37 +429,52 @@ def tls(cloud: SphereCloud) -> SphereFit:
 
 
 def mixed_ls_tls(cloud: SphereCloud) -> SphereFit:
-    """Mixed LS-TLS, ``min Σ r²/(1 + |k|²)``: equal independent errors in 2p and w, the column of ones exact.
+    """Mixed LS-TLS, ``min Σ r²/(1 + |k|²)``: equal independent errors in 2p and w, the column of
+    ones exact.
 
-    The minimum is the square of the smallest singular value σ of the centred ``[2p | w]``. It is found as
-    1/σ, the largest singular value of the inverse, and ``k = k_LS + σ² (N − σ²I)⁻¹ k_LS`` follows, N the
-    normal matrix of the centred 2p: with a far origin the singular vector itself would be lost in
-    rounding. σ0 = √(Σr²/(n − 4)) in m². Source: Van Huffel & Vandewalle 1991, sections 2.3 and 3.6.
+    The minimum is the square of the smallest singular value σ of the centred ``[2p | w]``. It is
+    found as 1/σ, the largest singular value of the inverse, and ``k = k_LS + σ² (N − σ²I)⁻¹ k_LS``
+    follows, N the normal matrix of the centred 2p: with a far origin the singular vector itself
+    would be lost in rounding. σ0 = √(Σr²/(n − 4)) in m². Source: Van Huffel & Vandewalle 1991,
+    sections 2.3 and 3.6.
     """
     length = cloud.length[:, None]
     R = np.linalg.qr(cloud.factor[..., [3, 0, 1, 2, 4]], mode="r")  # the exact column first
     noisy = R[:, 1:, 1:] * np.concatenate([length, length, length, length**2], axis=-1)[:, None, :]
     k_ls = solve(noisy[:, :3, :3], noisy[:, :3, 3:])[..., 0] + cloud.origin
     # Exact points leave no residual; one at rounding level changes nothing and can be inverted.
-    residual = np.maximum(np.abs(noisy[:, 3, 3]), np.finfo(float).eps * np.abs(noisy[:, :3, 3]).max(axis=-1))
+    residual = np.maximum(
+        np.abs(noisy[:, 3, 3]), np.finfo(float).eps * np.abs(noisy[:, :3, 3]).max(axis=-1)
+    )
     inverse = np.zeros_like(noisy)
     inverse[:, :3, :3] = solve(noisy[:, :3, :3], np.broadcast_to(np.eye(3), noisy[:, :3, :3].shape))
     inverse[:, :3, 3] = -k_ls / residual[:, None]
     inverse[:, 3, 3] = 1.0 / residual
     squared = np.linalg.norm(inverse, ord=2, axis=(-2, -1)) ** -2.0
     N = noisy[:, :3, :3].swapaxes(-1, -2) @ noisy[:, :3, :3]
-    k = k_ls + squared[:, None] * solve(N - squared[:, None, None] * np.eye(3), k_ls[..., None])[..., 0]
+    k = (
+        k_ls
+        + squared[:, None] * solve(N - squared[:, None, None] * np.eye(3), k_ls[..., None])[..., 0]
+    )
     k = (k - cloud.origin) / length
     delta = (R[:, 0, 4] - np.einsum("bi,bi->b", R[:, 0, 1:4], k)) / R[:, 0, 0]  # Σr = 0
-    return _common_fit(cloud, "mixed_ls_tls", np.concatenate([k, delta[:, None]], axis=-1), [1, 1, 1, 0, 1])
+    return _common_fit(
+        cloud, "mixed_ls_tls", np.concatenate([k, delta[:, None]], axis=-1), [1, 1, 1, 0, 1]
+    )
 
 
-def wtls(cloud: SphereCloud, *, unit_weight: float = 1.0, tolerance: float = 1e-12, max_iterations: int = 200) -> SphereFit:
+def wtls(
+    cloud: SphereCloud,
+    *,
+    unit_weight: float = 1.0,
+    tolerance: float = 1e-12,
+    max_iterations: int = 200,
+) -> SphereFit:
     """Weighted total least squares with the printed cofactors, no robust weights, to convergence.
 
-    ``Q_A = diag(1,1,1,0) ⊗ Q_X``, ``Q_Y = w Q_X``, ``Q_X = 1/P_X``; errors of w and p taken as independent,
-    which makes the weights depend on the coordinate origin. σ0 = √(Φ/(n − 4)) in m is the standard
-    deviation of 2x at P_X = 1.
+    ``Q_A = diag(1,1,1,0) ⊗ Q_X``, ``Q_Y = w Q_X``, ``Q_X = 1/P_X``; errors of w and p taken as
+    independent, which makes the weights depend on the coordinate origin. σ0 = √(Φ/(n − 4)) in m is
+    the standard deviation of 2x at P_X = 1.
 
     unit_weight : P_X of every point (times its a-priori weight); it scales σ0 and nothing else.
 
@@ -398,21 +482,29 @@ def wtls(cloud: SphereCloud, *, unit_weight: float = 1.0, tolerance: float = 1e-
     """
     whole_number(max_iterations, "max_iterations")
     problem = cloud.printed(positive(unit_weight, "unit_weight")).problem
-    x, ended = solved(problem, cloud.least_squares(), schaffrin_wieser_step, positive(tolerance, "tolerance"), max_iterations)
+    x, ended = solved(
+        problem,
+        cloud.least_squares(),
+        schaffrin_wieser_step,
+        positive(tolerance, "tolerance"),
+        max_iterations,
+    )
     ended = only_minima(problem, x, ended)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
     return cloud.finished("wtls", x, gauss_newton_cofactor(problem, x), sigma_0, ended)
 
 
-@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # a sphere that shrinks onto a point is reported by its ending
+# a sphere that shrinks onto a point is reported by its ending
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def eiv(cloud: SphereCloud, *, max_iterations: int = 100) -> SphereFit:
     """Consistent weighted total least squares: w and p have the errors that the points give them.
 
-    ``s_i = 4 (p_i − k)ᵀQ_i(p_i − k)``, ``Φ = Σ r²/s`` (the gradient-weighted, or Sampson, distance), minimised by
-    Newton steps with the exact Hessian. Independent of the origin; takes any cofactors of the points and a
-    held radius. σ0 = √(Φ/(n − t)): in m without cofactors, else relative to them. The cofactors act along the
-    normals at the observed points: where they differ much with direction that biases the sphere, and
-    ``geometric``, which takes them at the adjusted points, is to be preferred.
+    ``s_i = 4 (p_i − k)ᵀQ_i(p_i − k)``, ``Φ = Σ r²/s`` (the gradient-weighted, or Sampson,
+    distance), minimised by Newton steps with the exact Hessian. Independent of the origin; takes
+    any cofactors of the points and a held radius. σ0 = √(Φ/(n − t)): in m without cofactors, else
+    relative to them. The cofactors act along the normals at the observed points: where they differ
+    much with direction that biases the sphere, and ``geometric``, which takes them at the adjusted
+    points, is to be preferred.
 
     Source: Fang 2013; Ou & Liu 2017, eq. (3), with the correlation of w and p that it leaves out.
     """
@@ -446,7 +538,9 @@ def _tangent(x: np.ndarray) -> np.ndarray:
 
 
 def _newton_step_at_held_radius(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """Newton step in k alone, by the chain rule through δ = r² − |k|²; halved until the objective does not grow."""
+    """Newton step in k alone, by the chain rule through δ = r² − |k|²; halved until the objective
+    does not grow.
+    """
     square = squared_radius(x)
     value, gradient, hessian = derivatives(problem, x)
     P = _tangent(x)
@@ -464,10 +558,13 @@ def _newton_step_at_held_radius(problem: EIVProblem, x: np.ndarray) -> np.ndarra
 
 @dataclass(frozen=True)
 class PointCofactors(IndependentRows):
-    """Cofactors of the rows (2D, 1, |D|²) that the cofactors Q of the points give them, to first order.
+    """Cofactors of the rows (2D, 1, |D|²) that the cofactors Q of the points give them, to first
+    order.
 
-    D : (B, 3, n); Q : (B, n) or (B, 1) variances, or (B, n, 3, 3). With dw = 2D·dp and d(2D) = 2dp the
-    misclosure for z has the cofactor ``4 gᵀQg`` with ``g = z_k + z_w D``; at z = (−k, −δ, 1) that is g = D − k.
+    D : (B, 3, n); Q : (B, n) or (B, 1) variances, or (B, n, 3, 3). With dw = 2D·dp and d(2D) = 2dp
+        the
+    misclosure for z has the cofactor ``4 gᵀQg`` with ``g = z_k + z_w D``; at z = (−k, −δ, 1) that
+    is g = D − k.
     """
 
     D: np.ndarray
@@ -517,7 +614,9 @@ class PointCofactors(IndependentRows):
 
 @dataclass(frozen=True)
 class PrintedSphere:
-    """The printed problem of a stack in the clouds' own frames, and what leads back to the printed frame (``igg3.Printed``)."""
+    """The printed problem of a stack in the clouds' own frames, and what leads back to the printed
+    frame (``igg3.Printed``).
+    """
 
     problem: EIVProblem
     origin: np.ndarray
@@ -525,7 +624,9 @@ class PrintedSphere:
 
     @staticmethod
     def distances(x: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Signed distances in units of the cloud's length, from ``|p − k|² = r + R²``; NaN without a real sphere."""
+        """Signed distances in units of the cloud's length, from ``|p − k|² = r + R²``; NaN without
+        a real sphere.
+        """
         distances = r + squared_radius(x)[:, None]
         np.maximum(distances, 0.0, out=distances)
         np.sqrt(distances, out=distances)
@@ -547,9 +648,14 @@ class PrintedSphere:
 
 
 def _compressed(cloud: SphereCloud, printed: list[float]) -> EIVProblem:
-    """The problem in which all rows have the cofactor ``diag(printed)``: its triangular factor stands for its rows."""
+    """The problem in which all rows have the cofactor ``diag(printed)``: its triangular factor
+    stands for its rows.
+    """
     ones = np.ones((len(cloud.points), 1))
-    return EIVProblem(cloud.factor.swapaxes(-1, -2), CommonCofactors(_common_cofactors(cloud, printed), ones, 0.0 * ones))
+    return EIVProblem(
+        cloud.factor.swapaxes(-1, -2),
+        CommonCofactors(_common_cofactors(cloud, printed), ones, 0.0 * ones),
+    )
 
 
 def _algebraic_sd(cloud: SphereCloud, x: np.ndarray) -> np.ndarray:
@@ -558,8 +664,12 @@ def _algebraic_sd(cloud: SphereCloud, x: np.ndarray) -> np.ndarray:
     return cloud.length**2 * unit_weight_sd(np.sum(r * r, axis=-1), cloud.count - PARAMETERS)
 
 
-def geometry(origin: np.ndarray, length: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters (a, b, c, r) in m and their Jacobian with respect to x = (k, δ) of the cloud's frame, (B, 4, 4)."""
+def geometry(
+    origin: np.ndarray, length: np.ndarray, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters (a, b, c, r) in m and their Jacobian with respect to x = (k, δ) of the cloud's
+    frame, (B, 4, 4).
+    """
     radius = real_radius(x)
     scale = length[:, None]
     parameters = np.concatenate([origin + scale * x[:, :3], scale * radius[:, None]], axis=-1)

@@ -1,16 +1,19 @@
 """The axis of a tunnel: a curve x(y), z(y) in a frame that runs along the tunnel.
 
-Local frame: Z up, Y along the tunnel (horizontal), X = Y × Z to the right when looking along +Y. Li et al. (2015) scan with
-Y along the tunnel, so their frame is the identity; :func:`local_frame` finds it for a tunnel of any direction.
+Local frame: Z up, Y along the tunnel (horizontal), X = Y × Z to the right when looking along +Y. Li
+et al. (2015) scan with Y along the tunnel, so their frame is the identity; :func:`local_frame`
+finds it for a tunnel of any direction.
 
-Two axes stand side by side. :func:`printed_axis` takes the middle between the extreme points of thin bins: cut end bins, the
-track bed and cables pull it. :func:`robust_axis` takes the centres of the section's circle with its ovality, found by robust
-regression, and repeats from the axis found until it stands still. Both epochs of a comparison use the axis of the first.
+Two axes stand side by side. :func:`printed_axis` takes the middle between the extreme points of
+thin bins: cut end bins, the track bed and cables pull it. :func:`robust_axis` takes the centres of
+the section's circle with its ovality, found by robust regression, and repeats from the axis found
+until it stands still. Both epochs of a comparison use the axis of the first.
 
 References
 ----------
-Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point clouds; its equations
-are numbered (1)-(13), but were lost from the text at hand and are reconstructed here from its words.
+Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point
+clouds; its equations are numbered (1)-(13), but were lost from the text at hand and are
+reconstructed here from its words.
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ from ..adjustment.weights import Bisquare
 from ..blocks import pieces
 from ..checks import point_array, positive, real_array
 
-# A quadratic departs from a circular arc by about L⁴/(1024 R³): 0.5 mm for 60 m of a 300 m radius, but 3.6 mm and 1.2 mrad for 100 m.
+# A quadratic departs from a circular arc by about L⁴/(1024 R³): 0.5 mm for 60 m of a 300 m radius,
+# but 3.6 mm and 1.2 mrad for 100 m.
 LONGEST_QUADRATIC = 60.0  # m
 LONGEST_SPLINE_PIECE = 30.0  # m
 SAMPLE = 2_000_000  # points the robust axis looks at
@@ -43,7 +47,8 @@ RADII = (0.3, 30.0)  # m; a tunnel beyond these is one in other units
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """A tunnel axis: piecewise polynomials x(y), z(y) in the local frame, which continue straight beyond their ends.
+    """A tunnel axis: piecewise polynomials x(y), z(y) in the local frame, which continue straight
+    beyond their ends.
 
     origin : (3,) of the local frame, in the system of the points, m
     rotation : (3, 3), rows X, Y, Z; ``local = rotation @ (point − origin)``
@@ -84,12 +89,15 @@ class Axis:
 
     @property
     def quadratics(self) -> np.ndarray:
-        """``((a0, a1, a2), (b0, b1, b2))`` of ``x = a0 + a1 y + a2 y²`` and ``z = b0 + b1 y + b2 y²`` (Li et al. 2015, step 3).
+        """``((a0, a1, a2), (b0, b1, b2))`` of ``x = a0 + a1 y + a2 y²`` and
+        ``z = b0 + b1 y + b2 y²`` (Li et al. 2015, step 3).
 
         Raises ``ValueError`` for an axis that is not one quadratic.
         """
         if self.coefficients.shape[-1] > 1 or self.coefficients[3].any():
-            raise ValueError(f"quadratics: expected an axis of one quadratic, got a cubic spline of {self.coefficients.shape[-1]} pieces")
+            raise ValueError(
+                f"quadratics: expected an axis of one quadratic, got a cubic spline of {self.coefficients.shape[-1]} pieces"
+            )
         c, b = self.coefficients[:, :, 0], self.breaks[0]
         return np.stack([c[0] - b * c[1] + b * b * c[2], c[1] - 2 * b * c[2], c[2]], axis=-1)
 
@@ -130,7 +138,9 @@ class Axis:
 
         up ∝ e_Z − t (tᵀe_Z),   right = t × up
         """
-        return tuple(vectors @ self.rotation for vectors in self._local_frame(self.local_curve(y)[1]))
+        return tuple(
+            vectors @ self.rotation for vectors in self._local_frame(self.local_curve(y)[1])
+        )
 
     def chainage(self, y) -> np.ndarray:
         """Arc length ``s = ∫ √(1 + x'² + z'²) dy`` (…) from the first end to local y (…), m."""
@@ -151,9 +161,11 @@ class Axis:
         return y
 
     def foot(self, points) -> np.ndarray:
-        """Local y (n,) of the axis points nearest to points (n, 3): the root of ``(P − p(y))ᵀ τ(y) = 0`` by Newton.
+        """Local y (n,) of the axis points nearest to points (n, 3): the root of
+        ``(P − p(y))ᵀ τ(y) = 0`` by Newton.
 
-        Li et al. (2015), eqs. (2)-(3), search a list of axis points for it. Memory does not grow with n beyond the result.
+        Li et al. (2015), eqs. (2)-(3), search a list of axis points for it. Memory does not grow
+        with n beyond the result.
         """
         points = point_array(points, 3, 0, "foot points") if len(points) else np.empty((0, 3))
         y = np.empty(len(points))
@@ -162,7 +174,9 @@ class Axis:
         return y
 
     def polar(self, points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Local y of the foot points, radii in m and angles in rad (0 crown, + right) of points (n, 3) about their own foot points."""
+        """Local y of the foot points, radii in m and angles in rad (0 crown, + right) of points (n,
+        3) about their own foot points.
+        """
         points = self.to_local(points)
         y = self._feet(points)
         (x, z), slope, _ = self.local_curve(y)
@@ -178,10 +192,12 @@ class Axis:
             (X, Z), (k, m), (kk, mm) = self.local_curve(y)
             speed = 1.0 + k * k + m * m
             f = (X - x) * k + (y - y_P) + (Z - z) * m
-            # Beyond the centre of curvature, where no tunnel point is, the slope of f changes its sign.
+            # Beyond the centre of curvature, where no tunnel point is, the slope of f changes its
+            # sign.
             step = f / np.maximum(speed + (X - x) * kk + (Z - z) * mm, 0.1 * speed)
             y -= step
-            if step.size == 0 or np.abs(step).max() <= 1e-6:  # squared by the next step, so below rounding
+            # squared by the next step, so below rounding
+            if step.size == 0 or np.abs(step).max() <= 1e-6:
                 break
         return y
 
@@ -195,14 +211,18 @@ class Axis:
         return right, up, along
 
     def _piece(self, y: np.ndarray) -> np.ndarray:
-        return np.clip(np.searchsorted(self.breaks, y, side="right") - 1, 0, self.coefficients.shape[-1] - 1)
+        return np.clip(
+            np.searchsorted(self.breaks, y, side="right") - 1, 0, self.coefficients.shape[-1] - 1
+        )
 
     def _speed(self, y: np.ndarray) -> np.ndarray:
         k, m = self.local_curve(y)[1]
         return np.sqrt(1.0 + k * k + m * m)
 
     def _arc(self, piece: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Arc length from the beginning of pieces to local y in them: 16 Gauss points, because the speed is smooth."""
+        """Arc length from the beginning of pieces to local y in them: 16 Gauss points, because the
+        speed is smooth.
+        """
         nodes, weights = np.polynomial.legendre.leggauss(16)
         c = np.take(self.coefficients, piece, axis=-1)
         half = 0.5 * (end - self.breaks[piece])
@@ -215,7 +235,9 @@ class Axis:
     @cached_property
     def _lengths(self) -> np.ndarray:
         """Arc length from the first end to every break."""
-        return np.concatenate([[0.0], np.cumsum(self._arc(np.arange(len(self.breaks) - 1), self.breaks[1:]))])
+        return np.concatenate(
+            [[0.0], np.cumsum(self._arc(np.arange(len(self.breaks) - 1), self.breaks[1:]))]
+        )
 
 
 def _slope(c: np.ndarray, h: np.ndarray) -> np.ndarray:
@@ -232,7 +254,9 @@ def straight(start, end) -> Axis:
     start, end = real_array(start, "start"), real_array(end, "end")
     run = np.hypot(*(end - start)[:2])
     if start.shape != (3,) or end.shape != (3,) or not run > 0:
-        raise ValueError(f"start, end: expected two points (3,) at a horizontal distance, got {start} and {end}")
+        raise ValueError(
+            f"start, end: expected two points (3,) at a horizontal distance, got {start} and {end}"
+        )
     coefficients = np.zeros((4, 2, 1))
     coefficients[1, 1, 0] = (end[2] - start[2]) / run
     return Axis(start, _rotation((end - start)[:2]), np.array([0.0, run]), coefficients)
@@ -242,12 +266,15 @@ def straight(start, end) -> Axis:
 
 
 def local_frame(points) -> tuple[np.ndarray, np.ndarray]:
-    """Origin (3,) and rotation (3, 3) of the frame whose Y runs along the main horizontal direction of points (n, 3).
+    """Origin (3,) and rotation (3, 3) of the frame whose Y runs along the main horizontal direction
+    of points (n, 3).
 
-    The direction is that of the ground the points cover in cells of 0.5 m, so that the crowd of points near a scanner does
-    not weigh more; of its two senses the one whose larger component is positive.
+    The direction is that of the ground the points cover in cells of 0.5 m, so that the crowd of
+    points near a scanner does not weigh more; of its two senses the one whose larger component is
+    positive.
 
-    Raises ``ValueError`` when the points are hardly longer than wide or high: too short a tunnel, or Z is not up.
+    Raises ``ValueError`` when the points are hardly longer than wide or high: too short a tunnel,
+    or Z is not up.
 
     >>> y, turn = np.arange(20_000) * 1e-3, np.arange(20_000) * 2.4
     >>> points = np.stack([y, 2.7 * np.cos(turn) + 0.1 * y, 2.7 * np.sin(turn)], axis=-1)
@@ -296,7 +323,8 @@ def _tunnel_points(points) -> np.ndarray:
 
 
 def mid_values(points, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-    """Bin centres y (B,) and mid-values (B, 2) ``(x_max + x_min)/2``, ``(z_max + z_min)/2`` of the occupied bins of ``step`` m from y_min.
+    """Bin centres y (B,) and mid-values (B, 2) ``(x_max + x_min)/2``, ``(z_max + z_min)/2`` of the
+    occupied bins of ``step`` m from y_min.
 
     Source: Li et al. (2015), eq. (1).
     """
@@ -304,7 +332,9 @@ def mid_values(points, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
     first = points[:, 1].min()
     count = int((points[:, 1].max() - first) / step) + 1
     if count > len(points):
-        raise ValueError(f"step: expected bins that hold points, got {count} bins of {step:g} m for {len(points)} points")
+        raise ValueError(
+            f"step: expected bins that hold points, got {count} bins of {step:g} m for {len(points)} points"
+        )
     low, high = np.full((2, count), np.inf), np.full((2, count), -np.inf)
     for piece in pieces(len(points)):
         of = ((points[piece, 1] - first) / step).astype(np.int64)
@@ -315,17 +345,22 @@ def mid_values(points, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
     return first + (occupied + 0.5) * step, 0.5 * (low[:, occupied] + high[:, occupied]).T
 
 
-def printed_axis(points, step: float = 0.1, *, local: tuple[np.ndarray, np.ndarray] | None = None) -> Axis:
-    """Axis as printed: one quadratic ``x(y)`` and one ``z(y)`` through the mid-values of bins of ``step`` m, by least squares.
+def printed_axis(
+    points, step: float = 0.1, *, local: tuple[np.ndarray, np.ndarray] | None = None
+) -> Axis:
+    """Axis as printed: one quadratic ``x(y)`` and one ``z(y)`` through the mid-values of bins of
+    ``step`` m, by least squares.
 
     Parameters
     ----------
     points : (n, 3) in m, Y along the tunnel, Z up.
     step : width Δy of the bins, m.
-    local : origin and rotation of another frame than that of the points, as :func:`local_frame` gives it.
+    local : origin and rotation of another frame than that of the points, as :func:`local_frame`
+        gives it.
 
-    The middle between extremes is that of the section only where all of a ring is seen: bins at an end cut askew, a track bed,
-    which lifts z by half of the height it hides, and cables pull it; see :func:`robust_axis`.
+    The middle between extremes is that of the section only where all of a ring is seen: bins at an
+    end cut askew, a track bed, which lifts z by half of the height it hides, and cables pull it;
+    see :func:`robust_axis`.
 
     Raises ``ValueError`` when the points reach further across Y than along it.
 
@@ -351,7 +386,9 @@ def printed_axis(points, step: float = 0.1, *, local: tuple[np.ndarray, np.ndarr
     first, last = points[:, 1].min(), points[:, 1].max()
     scale = last - first
     if len(y) < 3:
-        raise ValueError(f"step: expected at least 3 occupied bins for a quadratic, got {len(y)} of {step:g} m")
+        raise ValueError(
+            f"step: expected at least 3 occupied bins for a quadratic, got {len(y)} of {step:g} m"
+        )
     fitted = np.linalg.lstsq(((y - first) / scale)[:, None] ** np.arange(3), middle, rcond=None)[0]
     coefficients = np.zeros((4, 2, 1))
     coefficients[:3, :, 0] = fitted / scale ** np.arange(3)[:, None]
@@ -364,28 +401,33 @@ def printed_axis(points, step: float = 0.1, *, local: tuple[np.ndarray, np.ndarr
 def robust_axis(points, *, slab: float = 1.0, seed: int = 0, max_iterations: int = 30) -> Axis:
     """Axis through section centres that track bed, cables and cut ends do not pull.
 
-    From a first axis, in turn until the axis stands still to 0.1 mm: polar coordinates of the points about their own foot
-    points; in slabs of ``slab`` m the median radius in each of 120 directions; in each slab
+    From a first axis, in turn until the axis stands still to 0.1 mm: polar coordinates of the
+    points about their own foot points; in slabs of ``slab`` m the median radius in each of 120
+    directions; in each slab
 
         ρ(α) = r + u₀ sin α + v₀ cos α + c₂ cos 2α + s₂ sin 2α
 
-    by robust regression (trial circles with the least median residual, then bisquare weights); the centre (u₀, v₀) with its
-    standard deviation; the curve through the centres, again robust: one quadratic up to 60 m, else a cubic spline in pieces
-    of up to 30 m. The terms in 2α keep the ovality of a ring that is not seen all around from moving its centre.
+    by robust regression (trial circles with the least median residual, then bisquare weights); the
+    centre (u₀, v₀) with its standard deviation; the curve through the centres, again robust: one
+    quadratic up to 60 m, else a cubic spline in pieces of up to 30 m. The terms in 2α keep the
+    ovality of a ring that is not seen all around from moving its centre.
 
     Parameters
     ----------
-    points : (n, 3) in m, any horizontal direction, Z up. Of more than 2 million a random 2 million are used.
+    points : (n, 3) in m, any horizontal direction, Z up. Of more than 2 million a random 2 million
+        are used.
     slab : length of the slabs, m; at low density of points take longer ones.
     seed : of the random choice.
 
     Returns
     -------
-    Axis from where the points of the first slab with a centre begin to where those of the last one end.
+    Axis from where the points of the first slab with a centre begin to where those of the last one
+    end.
 
     Raises
     ------
-    ValueError : no tunnel by its extents or its radius (other units?), or fewer than 3 slabs with a centre.
+    ValueError : no tunnel by its extents or its radius (other units?), or fewer than 3 slabs with a
+        centre.
 
     >>> y, turn = np.arange(20_000) * 1e-3, np.arange(20_000) * 2.4
     >>> tube = np.stack([2.7 * np.cos(turn), y, np.maximum(2.7 * np.sin(turn), -2.0)], axis=-1)  # with a floor
@@ -402,16 +444,28 @@ def robust_axis(points, *, slab: float = 1.0, seed: int = 0, max_iterations: int
         x, z = axis.local_curve(y)[0]
         right, up, _ = axis._local_frame(axis.local_curve(y)[1])
         moved = np.stack([x, y, z], axis=-1) + centers[:, :1] * right + centers[:, 1:] * up
-        new = _curve(axis.origin, axis.rotation, moved[:, 1], moved[:, [0, 2]], 1.0 / (sd**2 + 1e-6), ends)
+        new = _curve(
+            axis.origin, axis.rotation, moved[:, 1], moved[:, [0, 2]], 1.0 / (sd**2 + 1e-6), ends
+        )
         shift = np.abs(new.local_curve(y)[0] - axis.local_curve(y)[0]).max()
         axis = new
         if shift <= STANDS_STILL:
             return _ended(axis, iteration, True, "the axis stands still")
-    return _ended(axis, max_iterations, False, f"not converged: the axis still moved by {shift:.2g} m")
+    return _ended(
+        axis, max_iterations, False, f"not converged: the axis still moved by {shift:.2g} m"
+    )
 
 
 def _ended(axis: Axis, iterations: int, converged: bool, stop_reason: str) -> Axis:
-    return Axis(axis.origin, axis.rotation, axis.breaks, axis.coefficients, iterations, converged, stop_reason)
+    return Axis(
+        axis.origin,
+        axis.rotation,
+        axis.breaks,
+        axis.coefficients,
+        iterations,
+        converged,
+        stop_reason,
+    )
 
 
 def _first_axis(points: np.ndarray, slab: float) -> Axis:
@@ -437,10 +491,14 @@ def _first_axis(points: np.ndarray, slab: float) -> Axis:
     return _curve(origin, rotation, y, quantiles.mean(axis=1), np.ones(len(y)), (y[0], y[-1]))
 
 
-def _slab_centers(points: np.ndarray, axis: Axis, slab: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[float, float]]:
-    """Local y (K,), centres (K, 2) right and up of the axis, and their standard deviations (K,), of the slabs that have one, m.
+def _slab_centers(
+    points: np.ndarray, axis: Axis, slab: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[float, float]]:
+    """Local y (K,), centres (K, 2) right and up of the axis, and their standard deviations (K,), of
+    the slabs that have one, m.
 
-    Also the local y at which the points of the first of these slabs begin and those of the last one end.
+    Also the local y at which the points of the first of these slabs begin and those of the last one
+    end.
     """
     polar = [axis.polar(points[piece]) for piece in pieces(len(points))]
     y, rho, alpha = (np.concatenate(parts) for parts in zip(*polar, strict=True))
@@ -450,21 +508,30 @@ def _slab_centers(points: np.ndarray, axis: Axis, slab: float) -> tuple[np.ndarr
     medians = group_medians(of * CELLS + cell, rho, len(slabs) * CELLS).reshape(-1, CELLS)
     seen = np.count_nonzero(np.isfinite(medians), axis=-1) >= 4 * HARMONICS
     angles = 2.0 * np.pi * ((np.arange(CELLS) + 0.5) / CELLS - 0.5)
-    X = np.stack([np.ones(CELLS), np.sin(angles), np.cos(angles), np.sin(2 * angles), np.cos(2 * angles)], axis=-1)
+    X = np.stack(
+        [np.ones(CELLS), np.sin(angles), np.cos(angles), np.sin(2 * angles), np.cos(2 * angles)],
+        axis=-1,
+    )
     rho = medians[seen]
     start = [_residuals_of_best_circle(X[:, :3], rho[part]) for part in pieces(len(rho), 64)]
-    x, cofactor, scale, used = _reweighted(X, rho, np.ones_like(rho), np.concatenate([np.empty((0, CELLS)), *start]))
+    x, cofactor, scale, used = _reweighted(
+        X, rho, np.ones_like(rho), np.concatenate([np.empty((0, CELLS)), *start])
+    )
     sd = scale * np.sqrt(0.5 * (cofactor[:, 1, 1] + cofactor[:, 2, 2]))
     found = np.isfinite(sd) & (used >= 2 * HARMONICS) & (sd < 0.1 * x[:, 0])
     if np.count_nonzero(found) < 3:
-        raise ValueError(f"points: expected at least 3 slabs of {slab:g} m in which a ring is seen, got {np.count_nonzero(found)}")
+        raise ValueError(
+            f"points: expected at least 3 slabs of {slab:g} m in which a ring is seen, got {np.count_nonzero(found)}"
+        )
     used = np.flatnonzero(seen)[found]
     ends = float(y[of == used[0]].min()), float(y[of == used[-1]].max())
     return (slabs[used] + 0.5) * slab, x[found, 1:3], sd[found], ends
 
 
 def group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Median of the values (n,), none negative, of each of ``count`` groups; NaN where there are none."""
+    """Median of the values (n,), none negative, of each of ``count`` groups; NaN where there are
+    none.
+    """
     # One number sorts faster than two.
     order = np.argsort(group + 0.5 * values / max(values.max(), np.finfo(float).tiny))
     values = values[order]
@@ -475,13 +542,18 @@ def group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarr
 
 
 def _residuals_of_best_circle(X: np.ndarray, rho: np.ndarray) -> np.ndarray:
-    """Residuals (K, J) of radii (K, J) from the trial circle with the least median |residual|, which half of them cannot spoil.
+    """Residuals (K, J) of radii (K, J) from the trial circle with the least median |residual|,
+    which half of them cannot spoil.
 
-    Each trial circle goes through three radii; there are trials at all places and of several widths.
+    Each trial circle goes through three radii; there are trials at all places and of several
+    widths.
     """
     first = np.arange(0, CELLS, 2)
     openings = [round(degrees * CELLS / 360) for degrees in OPENINGS]
-    trials = np.concatenate([np.stack([first - by, first, first + by], axis=-1) for by in openings]) % CELLS
+    trials = (
+        np.concatenate([np.stack([first - by, first, first + by], axis=-1) for by in openings])
+        % CELLS
+    )
     circles = solve(X[trials], np.moveaxis(rho[:, trials], 0, -1))  # (S, 3, K)
     residuals = np.abs(rho - np.einsum("ji,sik->skj", X, circles))
     ordered = np.sort(np.nan_to_num(residuals, nan=np.inf), axis=-1)
@@ -492,9 +564,11 @@ def _residuals_of_best_circle(X: np.ndarray, rho: np.ndarray) -> np.ndarray:
 
 
 def _reweighted(X, Y, prior, residuals) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Robust linear regressions of rows Y (B, n), NaN where missing, on a common X (n, t), from starting residuals (B, n).
+    """Robust linear regressions of rows Y (B, n), NaN where missing, on a common X (n, t), from
+    starting residuals (B, n).
 
-    Bisquare weights on residuals over their MAD. Returns x (B, t), cofactor (B, t, t), scale (B,) and the number of values in use (B,).
+    Bisquare weights on residuals over their MAD. Returns x (B, t), cofactor (B, t, t), scale (B,)
+    and the number of values in use (B,).
     """
     missing = np.isnan(Y)
     Y, root = np.where(missing, 0.0, Y), np.sqrt(prior)
@@ -523,7 +597,8 @@ def _curve(origin, rotation, y, centers, prior, ends) -> Axis:
         degree = 3
         inner = np.linspace(first, last, int(np.ceil(length / LONGEST_SPLINE_PIECE)) + 1)[1:-1]
     knots = np.concatenate([np.full(degree + 1, first), inner, np.full(degree + 1, last)])
-    X = BSpline.design_matrix(y, knots, degree, extrapolate=True).toarray()  # the middle of a slab may lie beyond its points
+    # the middle of a slab may lie beyond its points
+    X = BSpline.design_matrix(y, knots, degree, extrapolate=True).toarray()
     # Centres that leap from their neighbours do not start with a say.
     start = centers.T - median_filter(centers.T, size=(1, 11), mode="nearest")
     start = start + 1e-3 * np.sign(start)

@@ -1,34 +1,41 @@
-"""Joint adjustment of the stations of all epochs: targets, control net, level, and the lining that neighbours both see.
+"""Joint adjustment of the stations of all epochs: targets, control net, level, and the lining that
+neighbours both see.
 
-A station registered singly has its own five or so targets and nothing else, and its error is in every section it sees. In one
-adjustment of all stations
+A station registered singly has its own five or so targets and nothing else, and its error is in
+every section it sees. In one adjustment of all stations
 
-- neighbours of one epoch are held together by the lining: where both have points in a cell of the wall, its radius is one and
-  the same. Never across epochs: the tunnel moves, which is what is looked for;
-- a control point has one error for all stations that use it, in both epochs; as far as they share it, it drops out of their difference;
+- neighbours of one epoch are held together by the lining: where both have points in a cell of the
+  wall, its radius is one and the same. Never across epochs: the tunnel moves, which is what is
+  looked for;
+- a control point has one error for all stations that use it, in both epochs; as far as they share
+  it, it drops out of their difference;
 - the level of an instrument holds its inclination.
 
-Unknown are a shift τ and a rotation ω of every station against its single registration, about the image of its targets' centroid, and
-the errors e of the control points. With a = X − image, Z the vertical axis of the instrument and e_Z plumb, up to errors of the
-standard deviations on the right:
+Unknown are a shift τ and a rotation ω of every station against its single registration, about the
+image of its targets' centroid, and the errors e of the control points. With a = X − image, Z the
+vertical axis of the instrument and e_Z plumb, up to errors of the standard deviations on the right:
 
     target        X_net − X = τ + ω × a + e          scanner_sd a coordinate
     control net           0 = e                      control_sd a coordinate
     level         e_Z − Z   = ω × Z                  level_sd, both horizontal components
-    lining              ρ̄   = h − nᵀ(τ + ω × a)      σ √(1/n + 1/20) for the mean radius ρ̄ of n points in a cell
+    lining              ρ̄   = h − nᵀ(τ + ω × a)      σ √(1/n + 1/20) for the mean radius ρ̄ of n
+                        points in a cell
 
-Every cell has its own radius h, which is eliminated; what is solved has six unknowns a station and three a control point. σ comes from the
-scatter of the lining's residuals. These have first the weights 1/|v| and from there IGG III weights, because attachments are seen
-from two sides in two ways. Corrections of millimetres and minutes of arc are so small that the equations are linear to micrometres.
+Every cell has its own radius h, which is eliminated; what is solved has six unknowns a station and
+three a control point. σ comes from the scatter of the lining's residuals. These have first the
+weights 1/|v| and from there IGG III weights, because attachments are seen from two sides in two
+ways. Corrections of millimetres and minutes of arc are so small that the equations are linear to
+micrometres.
 
-Cells are taken as independent. They are nearly so: in simulated campaigns what the ties alone determine, to hundredths of a millimetre, is
-stated a tenth or two too well. In the place of a section between stations that is nothing beside what targets and net leave; at the
-ends of a tunnel, where it is carried on from cell to cell, true errors are larger than stated by one to three tenths.
+Cells are taken as independent. They are nearly so: in simulated campaigns what the ties alone
+determine, to hundredths of a millimetre, is stated a tenth or two too well. In the place of a
+section between stations that is nothing beside what targets and net leave; at the ends of a tunnel,
+where it is carried on from cell to cell, true errors are larger than stated by one to three tenths.
 
 References
 ----------
-Grün & Akca (2005), ISPRS Journal of Photogrammetry and Remote Sensing 59, 151-174 (surfaces as observations of a registration).
-Yang, Song & Xu (2002), Journal of Geodesy 76, 353-358 (IGG III).
+Grün & Akca (2005), ISPRS Journal of Photogrammetry and Remote Sensing 59, 151-174 (surfaces as
+observations of a registration). Yang, Song & Xu (2002), Journal of Geodesy 76, 353-358 (IGG III).
 """
 
 from __future__ import annotations
@@ -49,19 +56,24 @@ from .axis import MAD_TO_SD, Axis, group_medians
 from .lining_surface import POINTS_THAT_COUNT, ROUGHNESS
 from .registration import Station
 
-CELL = 0.2  # m along the tunnel: short, because stations see more of its near side, and rings stand before one another
+# m along the tunnel: short, because stations see more of its near side, and rings stand before one
+# another
+CELL = 0.2
 AROUND = 36  # cells around it
 REACH = 0.06  # m from the median radius; what is farther away is no lining
-# σ from the median of a cell. Stations that are off by 1 σ or 2 must not lose points to one side: that would make them agree.
+# σ from the median of a cell. Stations that are off by 1 σ or 2 must not lose points to one side:
+# that would make them agree.
 THRESHOLD = 6.0
-# Of the incidence angle. More obliquely seen, a wall is its edges: of a step of some millimetres the flank, and behind it nothing. With
-# 83°, 22 m in a metro tunnel, neighbours 36 m apart still have 8 m of wall in common.
+# Of the incidence angle. More obliquely seen, a wall is its edges: of a step of some millimetres
+# the flank, and behind it nothing. With 83°, 22 m in a metro tunnel, neighbours 36 m apart still
+# have 8 m of wall in common.
 LEAST_COSINE = np.cos(np.deg2rad(83.0))
 FEWEST = 5  # points of all stations in a cell, for a median
 WEIGHTS = IGG3(2.5, 4.0, 1)
 SMALLEST_SD = 1e-9  # m, of a radius: exact data are no reason to lose weight
 STANDS_STILL = 1e-6  # m and rad
-# With weights 1/|v|: IGG III would take all ties of two stations that are registered some millimetres apart for wrong.
+# With weights 1/|v|: IGG III would take all ties of two stations that are registered some
+# millimetres apart for wrong.
 FIRST_STEPS = 10
 MAX_STEPS = 60
 
@@ -71,11 +83,13 @@ MAX_STEPS = 60
 
 @dataclass(frozen=True, eq=False)
 class Ties:
-    """Mean radii of cells of the lining by station, of one epoch; a row a cell and station, at least two stations a cell.
+    """Mean radii of cells of the lining by station, of one epoch; a row a cell and station, at
+    least two stations a cell.
 
     stations : (m,) names
     cells : (m,) numbers of the cells, from 0
-    points, normals : (m, 3) middle of the cell on the lining, m, and unit normal outwards, in the frame of the project
+    points, normals : (m, 3) middle of the cell on the lining, m, and unit normal outwards, in the
+        frame of the project
     radii : (m,) mean radius, m
     counts : (m,) points in the mean
     """
@@ -91,8 +105,11 @@ class Ties:
         return len(self.cells)
 
 
-def surface_ties(stations: Mapping[str, Station], scans: Mapping[str, np.ndarray], axis: Axis) -> Ties:
-    """What the stations of one epoch have in common: the mean radius of the lining in cells of 0.2 m × 10°.
+def surface_ties(
+    stations: Mapping[str, Station], scans: Mapping[str, np.ndarray], axis: Axis
+) -> Ties:
+    """What the stations of one epoch have in common: the mean radius of the lining in cells of 0.2
+    m × 10°.
 
     Parameters
     ----------
@@ -100,11 +117,13 @@ def surface_ties(stations: Mapping[str, Station], scans: Mapping[str, np.ndarray
     scans : of the stations of one epoch, by name: points (n, 3) in the frame of the station, m
     axis : of the tunnel; where it lies hardly matters, because only differences of radii are used
 
-    Points more than 6 cm from the median radius of all, and more than 6 σ from the median of their cell (all stations, σ from
-    the median of the absolute differences and at least 1 mm), are left out; so are cells with fewer than 5 points. A station has no part
-    in a cell that it sees at an incidence angle beyond 83°.
+    Points more than 6 cm from the median radius of all, and more than 6 σ from the median of their
+    cell (all stations, σ from the median of the absolute differences and at least 1 mm), are left
+    out; so are cells with fewer than 5 points. A station has no part in a cell that it sees at an
+    incidence angle beyond 83°.
 
-    Raises ``ValueError`` for points of a wrong shape, NaN, a single station, and one that is not registered.
+    Raises ``ValueError`` for points of a wrong shape, NaN, a single station, and one that is not
+    registered.
 
     >>> from analysis.similarity import fit_similarity
     >>> from analysis.tunnel.axis import straight
@@ -122,13 +141,18 @@ def surface_ties(stations: Mapping[str, Station], scans: Mapping[str, np.ndarray
     if unknown := sorted(set(scans) - set(stations)):
         raise ValueError(f"scans: expected those of registered stations, got {', '.join(unknown)}")
     names = np.array(list(scans))
-    columns = [_rows_and_radii(point_array(points, 3, 1, "ties"), stations[name], axis) for name, points in scans.items()]
+    columns = [
+        _rows_and_radii(point_array(points, 3, 1, "ties"), stations[name], axis)
+        for name, points in scans.items()
+    ]
     station = np.repeat(np.arange(len(names)), [len(radius) for _, _, radius in columns])
     row, column, radius = (np.concatenate(parts) for parts in zip(*columns, strict=True))
     first, middle = row.min(), float(np.median(radius))
     cell = (row - first) * AROUND + column
     lining = _lining(cell, radius, middle)
-    key, group, counts = np.unique((cell * len(names) + station)[lining], return_inverse=True, return_counts=True)
+    key, group, counts = np.unique(
+        (cell * len(names) + station)[lining], return_inverse=True, return_counts=True
+    )
     radii = middle + np.bincount(group, radius[lining] - middle) / counts
     cell, station = np.divmod(key, len(names))
     points, normals = _middles(axis, cell // AROUND + first, cell % AROUND, radii)
@@ -137,12 +161,20 @@ def surface_ties(stations: Mapping[str, Station], scans: Mapping[str, np.ndarray
     number = np.unique(cell, return_inverse=True)[1]
     tied = plain & (np.bincount(number, plain)[number] >= 2)
     number = np.unique(number[tied], return_inverse=True)[1]
-    return Ties(names[station[tied]], number, points[tied], normals[tied], radii[tied], counts[tied])
+    return Ties(
+        names[station[tied]], number, points[tied], normals[tied], radii[tied], counts[tied]
+    )
 
 
-def _rows_and_radii(points: np.ndarray, station: Station, axis: Axis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rows_and_radii(
+    points: np.ndarray, station: Station, axis: Axis
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Place of the cell along and around the tunnel, and radius, of points (n, 3) of a station."""
-    row, column, radius = np.empty(len(points), dtype=np.int64), np.empty(len(points), dtype=np.int64), np.empty(len(points))
+    row, column, radius = (
+        np.empty(len(points), dtype=np.int64),
+        np.empty(len(points), dtype=np.int64),
+        np.empty(len(points)),
+    )
     for piece in pieces(len(points)):
         y, radius[piece], angle = axis.polar(station.similarity.transform(points[piece]))
         row[piece] = np.floor(axis.chainage(y) / CELL)
@@ -155,11 +187,15 @@ def _lining(cell: np.ndarray, radius: np.ndarray, middle: float) -> np.ndarray:
     near = np.flatnonzero(np.abs(radius - middle) <= REACH)
     cell, radius = cell[near], radius[near]
     off = np.abs(radius - group_medians(cell, radius, cell.max() + 1)[cell])
-    good = off <= THRESHOLD * np.maximum(MAD_TO_SD * group_medians(cell, off, cell.max() + 1)[cell], ROUGHNESS)
+    good = off <= THRESHOLD * np.maximum(
+        MAD_TO_SD * group_medians(cell, off, cell.max() + 1)[cell], ROUGHNESS
+    )
     return near[good & (np.bincount(cell)[cell] >= FEWEST)]
 
 
-def _middles(axis: Axis, row: np.ndarray, column: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _middles(
+    axis: Axis, row: np.ndarray, column: np.ndarray, radii: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Middles of cells on the lining and the normals there, (m, 3)."""
     y = axis.at_chainage((row + 0.5) * CELL)
     right, up, _ = axis.frame(y)
@@ -175,10 +211,12 @@ def _middles(axis: Axis, row: np.ndarray, column: np.ndarray, radii: np.ndarray)
 class Block:
     """Registered stations with their joint covariance.
 
-    stations : by name, as :func:`.register_stations` gives them, with the transformations of the adjustment
+    stations : by name, as :func:`.register_stations` gives them, with the transformations of the
+        adjustment
     covariance : (6K, 6K) of (image, ω) of the K stations one after the other, m and rad
     sigma_0 : of targets, control net and level; 1 where their standard deviations are right
-    tie_sd : σ in m: the mean radius of n points in a cell has the standard deviation σ √(1/n + 1/20)
+    tie_sd : σ in m: the mean radius of n points in a cell has the standard deviation σ √(1/n +
+        1/20)
     tie_weights : (m,) weights of the ties, those of the first epoch first; 0 is exactly 0
     iterations, converged, stop_reason : how the adjustment ended
     """
@@ -193,9 +231,11 @@ class Block:
     stop_reason: str = "registered singly"
 
     def shifts(self, point, directions) -> np.ndarray:
-        """Covariance (K d, K d) in m² of what the stations' errors do to a point (3,) in each of ``directions`` (d, 3).
+        """Covariance (K d, K d) in m² of what the stations' errors do to a point (3,) in each of
+        ``directions`` (d, 3).
 
-        The d shifts of the first station are followed by those of the second and so on: ``J Σ Jᵀ`` with ``J = [dᵀ, (a × d)ᵀ]``.
+        The d shifts of the first station are followed by those of the second and so on: ``J Σ Jᵀ``
+        with ``J = [dᵀ, (a × d)ᵀ]``.
 
         >>> from analysis.similarity import fit_similarity
         >>> x = np.array([[3.0, 0, 0], [-3, 0, 0], [0, 9, 0], [0, 0, 3]])
@@ -205,7 +245,10 @@ class Block:
         array([0.001, 0.001, 0.001])
         """
         directions = finite_array(directions, "directions")
-        rows = [_rows(finite_array(point, "point") - station.similarity.image, directions) for station in self.stations.values()]
+        rows = [
+            _rows(finite_array(point, "point") - station.similarity.image, directions)
+            for station in self.stations.values()
+        ]
         J = np.zeros((len(rows), len(directions), len(rows), 6))
         J[np.arange(len(rows)), :, np.arange(len(rows))] = rows
         J = J.reshape(len(rows) * len(directions), -1)
@@ -216,29 +259,40 @@ def singly(stations: Mapping[str, Station]) -> Block:
     """Stations as they are, each with its own covariance and none between them."""
     covariance = np.zeros((6 * len(stations), 6 * len(stations)))
     for k, station in enumerate(stations.values()):
-        covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = station.similarity.central_cofactor[:6, :6]
+        covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = station.similarity.central_cofactor[
+            :6, :6
+        ]
     return Block(dict(stations), covariance)
 
 
 def adjust_block(
-    stations: Mapping[str, Station], ties: Sequence[Ties] = (), *, scanner_sd: float, control_sd: float, level_sd: float | None = None
+    stations: Mapping[str, Station],
+    ties: Sequence[Ties] = (),
+    *,
+    scanner_sd: float,
+    control_sd: float,
+    level_sd: float | None = None,
 ) -> Block:
     """Adjust all stations of all epochs together.
 
     Parameters
     ----------
-    stations : by name, registered singly with the scale held at 1; pairs that this has found wrong stay out
+    stations : by name, registered singly with the scale held at 1; pairs that this has found wrong
+        stay out
     ties : of every epoch, from :func:`surface_ties`
-    scanner_sd, control_sd : standard deviation of a coordinate of a target in the scans and in the control net, m
-    level_sd : of the inclination of an instrument about either horizontal axis, rad, where the Z axes of the stations' frames are plumb to
-        that; None for instruments without a level
+    scanner_sd, control_sd : standard deviation of a coordinate of a target in the scans and in the
+        control net, m
+    level_sd : of the inclination of an instrument about either horizontal axis, rad, where the Z
+        axes of the stations' frames are plumb to that; None for instruments without a level
 
     Returns
     -------
-    Block. The equations are solved anew with new weights of the ties until the corrections stand still.
+    Block. The equations are solved anew with new weights of the ties until the corrections stand
+    still.
 
-    Raises ``ValueError`` for no stations, standard deviations that are not positive, stations with a free scale or without absolute
-    variances, a target that has other coordinates at another station, ties of unknown stations, and cells of a single one. Not converged:
+    Raises ``ValueError`` for no stations, standard deviations that are not positive, stations with
+    a free scale or without absolute variances, a target that has other coordinates at another
+    station, ties of unknown stations, and cells of a single one. Not converged:
     ``converged`` is False, ``stop_reason`` says why, and a ``ConvergenceWarning`` is given.
 
     >>> from analysis.similarity import fit_similarity
@@ -248,14 +302,20 @@ def adjust_block(
     >>> block.stations["1"].similarity.translation.round(9) + 0, block.converged
     (array([ 0., 50.,  0.]), True)
     """
-    A, y = _surveyed(stations, positive(scanner_sd, "scanner_sd"), positive(control_sd, "control_sd"), level_sd)
+    A, y = _surveyed(
+        stations, positive(scanner_sd, "scanner_sd"), positive(control_sd, "control_sd"), level_sd
+    )
     lining = _Lining.of(ties, stations)
     count, own = len(stations), slice(0, 6 * len(stations))
     x, weights = np.zeros(A.shape[1]), np.ones(len(lining.radii))
     for iterations in range(1, MAX_STEPS + 1):
         u = lining.standardised(x[own].reshape(count, 6), weights)
         sigma = max(MAD_TO_SD * float(np.median(np.abs(u))), SMALLEST_SD) if len(u) else np.nan
-        weights = sigma / np.maximum(np.abs(u), sigma) if iterations <= FIRST_STEPS else WEIGHTS.weight(u / sigma)
+        weights = (
+            sigma / np.maximum(np.abs(u), sigma)
+            if iterations <= FIRST_STEPS
+            else WEIGHTS.weight(u / sigma)
+        )
         N, right = A.T @ A, A.T @ y
         of_lining = lining.normal(weights / sigma**2, count)
         N[own, own] += of_lining[0]
@@ -269,14 +329,19 @@ def adjust_block(
     v, redundancy = y - A @ x, len(y) - np.sum(A @ cofactor * A)
     blocks = [slice(6 * k, 6 * k + 6) for k in range(count)]
     block = Block(
-        {name: _moved(station, x[of], cofactor[of, of]) for of, (name, station) in zip(blocks, stations.items(), strict=True)},
+        {
+            name: _moved(station, x[of], cofactor[of, of])
+            for of, (name, station) in zip(blocks, stations.items(), strict=True)
+        },
         cofactor[own, own],
         sigma_0=float(np.sqrt(v @ v / redundancy)),
         tie_sd=sigma,
         tie_weights=weights,
         iterations=iterations,
         converged=converged,
-        stop_reason="corrections stand still" if converged else f"not converged: corrections still change by {change:.2g}",
+        stop_reason="corrections stand still"
+        if converged
+        else f"not converged: corrections still change by {change:.2g}",
     )
     if not converged:
         warnings.warn(block.stop_reason, ConvergenceWarning, stacklevel=2)
@@ -292,14 +357,21 @@ def _rows(arms: np.ndarray, directions: np.ndarray) -> np.ndarray:
 def _surveyed(
     stations: Mapping[str, Station], scanner_sd: float, control_sd: float, level_sd: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened rows A (r, 6K + 3M) and observations y (r,) of targets, net and level, for K stations and M control points."""
+    """Whitened rows A (r, 6K + 3M) and observations y (r,) of targets, net and level, for K
+    stations and M control points.
+    """
     net = _net(stations)
     count, points = 6 * len(stations), {name: place for place, name in enumerate(net)}
-    blocks, y = [np.eye(3 * len(net), count + 3 * len(net), count) / control_sd], [np.zeros(3 * len(net))]
+    blocks, y = (
+        [np.eye(3 * len(net), count + 3 * len(net), count) / control_sd],
+        [np.zeros(3 * len(net))],
+    )
     for k, station in enumerate(stations.values()):
         fit, own = station.similarity, slice(6 * k, 6 * k + 6)
         seen = fit.transform(station.source)
-        for name, root, X, X_net in zip(station.targets, np.sqrt(fit.weights), seen, station.target, strict=True):
+        for name, root, X, X_net in zip(
+            station.targets, np.sqrt(fit.weights), seen, station.target, strict=True
+        ):
             if root > 0:
                 rows = np.zeros((3, count + 3 * len(net)))
                 rows[:, own] = _rows(X - fit.image, np.eye(3))
@@ -321,16 +393,24 @@ def _net(stations: Mapping[str, Station]) -> dict[str, np.ndarray]:
     net: dict[str, np.ndarray] = {}
     for name, station in stations.items():
         if not station.similarity.absolute or station.similarity.central_cofactor[6, 6] > 0:
-            raise ValueError(f"station {name}: expected variances in m² and a scale held at 1, as register_stations gives them")
-        for target, X, used in zip(station.targets, station.target, station.similarity.inliers, strict=True):
+            raise ValueError(
+                f"station {name}: expected variances in m² and a scale held at 1, as register_stations gives them"
+            )
+        for target, X, used in zip(
+            station.targets, station.target, station.similarity.inliers, strict=True
+        ):
             if used and not np.array_equal(net.setdefault(target, X), X):
-                raise ValueError(f"station {name}: expected one place for target {target} at all stations, got another one")
+                raise ValueError(
+                    f"station {name}: expected one place for target {target} at all stations, got another one"
+                )
     return net
 
 
 @dataclass(frozen=True)
 class _Lining:
-    """Equations of the ties: rows J (m, 6) of stations (m,), cells (m,), radii (m,) less the mean of their cell, precisions (m,)."""
+    """Equations of the ties: rows J (m, 6) of stations (m,), cells (m,), radii (m,) less the mean
+    of their cell, precisions (m,).
+    """
 
     J: np.ndarray
     station: np.ndarray
@@ -346,19 +426,39 @@ class _Lining:
         for of in ties:
             unknown = sorted(set(of.stations.tolist()) - set(names))
             if unknown:
-                raise ValueError(f"ties: expected those of the stations {', '.join(names)}, got {', '.join(unknown)}")
+                raise ValueError(
+                    f"ties: expected those of the stations {', '.join(names)}, got {', '.join(unknown)}"
+                )
             if np.bincount(of.cells).min(initial=2) < 2:
-                raise ValueError("ties: expected at least two stations in every cell, got cells with fewer")
+                raise ValueError(
+                    "ties: expected at least two stations in every cell, got cells with fewer"
+                )
             place = np.array([names[name] for name in of.stations.tolist()], dtype=int)
             mean = np.bincount(of.cells, of.radii) / np.bincount(of.cells)
             precision = 1.0 / (1.0 / of.counts + 1.0 / POINTS_THAT_COUNT)
-            parts.append((_rows(of.points - images[place], of.normals), place, of.cells + cells, of.radii - mean[of.cells], precision))
+            parts.append(
+                (
+                    _rows(of.points - images[place], of.normals),
+                    place,
+                    of.cells + cells,
+                    of.radii - mean[of.cells],
+                    precision,
+                )
+            )
             cells += len(mean)
-        nothing = np.empty((0, 6)), np.empty(0, dtype=int), np.empty(0, dtype=int), np.empty(0), np.empty(0)
+        nothing = (
+            np.empty((0, 6)),
+            np.empty(0, dtype=int),
+            np.empty(0, dtype=int),
+            np.empty(0),
+            np.empty(0),
+        )
         return cls(*(np.concatenate(arrays) for arrays in zip(nothing, *parts, strict=True)))
 
     def normal(self, weights: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix (6K, 6K) and right side (6K,) with the radii of the cells eliminated; weights (m,) over σ²."""
+        """Normal matrix (6K, 6K) and right side (6K,) with the radii of the cells eliminated;
+        weights (m,) over σ².
+        """
         w, cells = weights * self.precision, int(self.cell.max(initial=0)) + 1
         squares, right = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
         sums = np.zeros((cells, count, 6))
@@ -373,10 +473,11 @@ class _Lining:
         return N, right.ravel() + sums.T @ of_radius
 
     def standardised(self, corrections: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Radii (m,) less the weighted mean of their cell, over the standard deviation of that for σ = 1; corrections (K, 6).
+        """Radii (m,) less the weighted mean of their cell, over the standard deviation of that for
+        σ = 1; corrections (K, 6).
 
-        With weights ω and precisions p the variance is ``1/p − 2ω/W + Σpω²/W²``, W = Σpω. A cell in which no two stations have kept a
-        weight is judged by the plain mean.
+        With weights ω and precisions p the variance is ``1/p − 2ω/W + Σpω²/W²``, W = Σpω. A cell in
+        which no two stations have kept a weight is judged by the plain mean.
         """
         v = self.radii + np.sum(self.J * corrections[self.station], axis=-1)
         kept = np.bincount(self.cell, weights > 0)[self.cell] >= 2
@@ -384,14 +485,26 @@ class _Lining:
         w = weights * self.precision
         W = np.bincount(self.cell, w)[self.cell]
         mean = np.bincount(self.cell, w * v)[self.cell] / W
-        variance = 1.0 / self.precision - 2.0 * weights / W + np.bincount(self.cell, w * weights)[self.cell] / W**2
+        variance = (
+            1.0 / self.precision
+            - 2.0 * weights / W
+            + np.bincount(self.cell, w * weights)[self.cell] / W**2
+        )
         return (v - mean) / np.sqrt(variance)
 
 
 def _moved(station: Station, correction: np.ndarray, cofactor: np.ndarray) -> Station:
     fit = station.similarity
-    image, rotation = fit.image + correction[:3], Rotation.from_rotvec(correction[3:]).as_matrix() @ fit.rotation
+    image, rotation = (
+        fit.image + correction[:3],
+        Rotation.from_rotvec(correction[3:]).as_matrix() @ fit.rotation,
+    )
     central = np.zeros((7, 7))
     central[:6, :6] = cofactor
-    moved = replace(fit, method="joint adjustment", image=image, rotation=rotation, central_cofactor=central)
-    return replace(station, similarity=replace(moved, residuals=station.target - moved.transform(station.source)))
+    moved = replace(
+        fit, method="joint adjustment", image=image, rotation=rotation, central_cofactor=central
+    )
+    return replace(
+        station,
+        similarity=replace(moved, residuals=station.target - moved.transform(station.source)),
+    )

@@ -1,4 +1,6 @@
-"""``python -m analysis tunnel EPOCH1 EPOCH2``: a user's own two epochs in, tables and figures of what has changed out."""
+"""``python -m analysis tunnel EPOCH1 EPOCH2``: a user's own two epochs in, tables and figures of
+what has changed out.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +20,17 @@ from .significance import LEVEL, LIMITS, SHARE
 
 OUTPUT = "tunnel_comparison"
 MEANING = f"""\
-flagged: the change passes {1e3 * LIMITS[0]:.0f} mm in more than {100 * SHARE:.0f} % of the directions seen (Li et al. 2015)
-changed: so improbable by noise and registration error alone that such a thing happens in {100 * LEVEL:.0f} % of quiet sections
-settlement: of the crown, positive downwards; convergence: of the horizontal diameter, positive where it widens"""
+flagged: the change passes {1e3 * LIMITS[0]:.0f} mm in more than {100 * SHARE:.0f} % of the
+directions seen (Li et al. 2015) changed: so improbable by noise and registration error alone that
+such a thing happens in {100 * LEVEL:.0f} % of quiet sections settlement: of the crown, positive
+downwards; convergence: of the horizontal diameter, positive where it widens"""
 EPILOG = f"""\
 The epochs must be in one system, in m, with Z up; the tunnel may run in any horizontal direction.
 
 written into DIR:
   sections.csv        the printed table, unrounded
-  changes.*           the unrolled lining: where the change passes 6 and 12 mm, and where it is significant
+  changes.*           the unrolled lining: where the change passes 6 and 12 mm, and where it is
+                      significant
   along.*             crown settlement and horizontal convergence along the tunnel
   section_CHAINAGE.*  outlines and radial change of each section that is flagged or changed
   (.png and .svg, and .csv with what they show)
@@ -35,7 +39,8 @@ written into DIR:
 
 exit status: 0 a result, 1 a result with an axis or ellipse that did not converge, 2 no result"""
 
-# What of the table fits a line: short name -> column, decimals. The columns of standard deviations differ in their blanks.
+# What of the table fits a line: short name -> column, decimals. The columns of standard deviations
+# differ in their blanks.
 SHOWN = {
     "chainage/m": ("chainage_m", 2),
     "points 1": ("points_1", 0),
@@ -65,26 +70,51 @@ def add_to(commands) -> None:
     )
     for number in (1, 2):
         command.add_argument(
-            f"epoch_{number}", metavar=f"EPOCH{number}", help="scan of the epoch (.xyz .txt .csv .pts .asc, or .las .laz .ply .e57)"
+            f"epoch_{number}",
+            metavar=f"EPOCH{number}",
+            help="scan of the epoch (.xyz .txt .csv .pts .asc, or .las .laz .ply .e57)",
         )
     for name, default, text in (
         ("spacing", SPACING, "between sections in m, from where both epochs begin"),
         ("thickness", THICKNESS, "of a section in m; more where the scan is thin"),
-        ("registration", REGISTRATION_SD, "standard deviation in m of a section's shift between the epochs, a coordinate"),
+        (
+            "registration",
+            REGISTRATION_SD,
+            "standard deviation in m of a section's shift between the epochs, a coordinate",
+        ),
     ):
-        command.add_argument(f"--{name}", type=float, metavar="M", default=default, help=f"{text} (default: %(default)g)")
-    command.add_argument("--output", metavar="DIR", default=OUTPUT, help="folder for tables and figures (default: %(default)s)")
-    command.add_argument("--json", action="store_true", help="print one JSON object for a program to read, unrounded")
+        command.add_argument(
+            f"--{name}",
+            type=float,
+            metavar="M",
+            default=default,
+            help=f"{text} (default: %(default)g)",
+        )
+    command.add_argument(
+        "--output",
+        metavar="DIR",
+        default=OUTPUT,
+        help="folder for tables and figures (default: %(default)s)",
+    )
+    command.add_argument(
+        "--json", action="store_true", help="print one JSON object for a program to read, unrounded"
+    )
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Compare, write, print, and return the exit status.
 
-    Raises ``OSError``, ``ValueError`` and ``ImportError``; a ``ValueError`` begins with the file to blame, if one is.
+    Raises ``OSError``, ``ValueError`` and ``ImportError``; a ``ValueError`` begins with the file to
+    blame, if one is.
     """
     files = {"first": options.epoch_1, "second": options.epoch_2}
-    with tqdm(total=len(files) + len(STEPS) + 1, bar_format="{desc} ({n} of {total}, {elapsed})", leave=False, disable=None) as bar:
+    with tqdm(
+        total=len(files) + len(STEPS) + 1,
+        bar_format="{desc} ({n} of {total}, {elapsed})",
+        leave=False,
+        disable=None,
+    ) as bar:
 
         def begin(step: str) -> None:
             bar.set_description_str(step, refresh=False)
@@ -96,13 +126,16 @@ def run(options: argparse.Namespace) -> int:
             begin(f"reading {file}")
             epochs.append(read_points(file))
         folder = Path(options.output)
-        folder.mkdir(parents=True, exist_ok=True)  # what cannot be written is to be known before minutes of computing
+        # what cannot be written is to be known before minutes of computing
+        folder.mkdir(parents=True, exist_ok=True)
         values = {name: getattr(options, name) for name in ("spacing", "thickness", "registration")}
         try:
             result = compare(*epochs, **values, report=begin)
         except ValueError as error:
             blamed, _, rest = str(error).partition(": ")
-            raise ValueError(f"{files[blamed]}: {rest}" if blamed in files else str(error)) from error
+            raise ValueError(
+                f"{files[blamed]}: {rest}" if blamed in files else str(error)
+            ) from error
         begin("tables and figures")
         written = _write(result, folder)
     if options.json:
@@ -130,7 +163,9 @@ def _write(result: Comparison, folder: Path) -> list[Path]:
     return [folder / f"{stem}.csv" for stem in stems]
 
 
-def report(result: Comparison, files: dict[str, str], registration: float, written: list[Path]) -> str:
+def report(
+    result: Comparison, files: dict[str, str], registration: float, written: list[Path]
+) -> str:
     """The result for a reader: aligned plain text with units; what is not defined is a dash."""
     axis, table = result.axis, result.table()
     lines = [
@@ -138,13 +173,30 @@ def report(result: Comparison, files: dict[str, str], registration: float, writt
         for (name, file), lining in zip(files.items(), result.linings, strict=True)
     ]
     ends = (" ".join(f"{value:.3f}" for value in axis.position(y)) for y in axis.y_range)
-    lines.append("axis of the first epoch: {:.2f} m, from ({}) to ({}); {}".format(axis.length, *ends, axis.stop_reason))
-    lines.append(f"registration of the second to the first: ± {1e3 * registration:g} mm a coordinate")
-    table = table.assign(**{name: np.where(table[name], "yes", "-") for name in ("flagged", "changed")})
+    lines.append(
+        "axis of the first epoch: {:.2f} m, from ({}) to ({}); {}".format(
+            axis.length, *ends, axis.stop_reason
+        )
+    )
+    lines.append(
+        f"registration of the second to the first: ± {1e3 * registration:g} mm a coordinate"
+    )
+    table = table.assign(
+        **{name: np.where(table[name], "yes", "-") for name in ("flagged", "changed")}
+    )
     shown = pd.DataFrame({short: table[name] for short, (name, _) in SHOWN.items()})
-    lines += ["", tables.text(shown, {short: decimals for short, (_, decimals) in SHOWN.items()}), ""]
+    lines += [
+        "",
+        tables.text(shown, {short: decimals for short, (_, decimals) in SHOWN.items()}),
+        "",
+    ]
     lines += [f"{row.chainage_m:.2f} m: {row.note}" for row in table.itertuples() if row.note]
-    lines += [MEANING, "±: standard deviation, with the registration error in it", "", f"{written[0]} and figures with their data:"]
+    lines += [
+        MEANING,
+        "±: standard deviation, with the registration error in it",
+        "",
+        f"{written[0]} and figures with their data:",
+    ]
     return "\n".join(lines + [f"  {path.with_suffix('')}" for path in written[1:]])
 
 
@@ -158,6 +210,8 @@ def record(result: Comparison, files: dict[str, str], written: list[Path]) -> di
         "axis_length_m": result.axis.length,
         "axis_ends_m": [result.axis.position(y).tolist() for y in result.axis.y_range],
         "converged": bool(result.converged),
-        "sections": [{name: None if value != value else value for name, value in row.items()} for row in rows],
+        "sections": [
+            {name: None if value != value else value for name, value in row.items()} for row in rows
+        ],
         "written": [str(path) for path in written],
     }

@@ -1,10 +1,13 @@
 """Two epochs of a tunnel compared, from their scans to the deformation of every section.
 
-    axis of epoch 1 → lining of each epoch → sections at equal chainages → radii by direction → what is significant
-                                                                        → ellipses → Δρ(α), convergence, settlement
+    axis of epoch 1 → lining of each epoch → sections at equal chainages → radii by direction → what
+    is significant
+                                                                        → ellipses → Δρ(α),
+                                                                        convergence, settlement
 
-Both epochs are in one system and both are cut with the axis of the first, as in Li et al. (2015), section 4.2.2. What is left to
-the user is how well the second epoch is registered to the first: that error does not average out and decides what is significant.
+Both epochs are in one system and both are cut with the axis of the first, as in Li et al. (2015),
+section 4.2.2. What is left to the user is how well the second epoch is registered to the first:
+that error does not average out and decides what is significant.
 """
 
 from __future__ import annotations
@@ -33,7 +36,8 @@ SPACING = 10.0  # m between sections (Li et al. 2015, section 4.1)
 REGISTRATION_SD = 0.001  # m, of a section's shift between the epochs, in each coordinate
 FEWEST = 50  # points of a section in each epoch for an ellipse
 LEAST_SEEN = 0.5  # of the directions in both epochs, for an ellipse
-ALIKE = 1.5  # at most so many times the other's median distance from the axis, for two epochs of one tunnel
+# at most so many times the other's median distance from the axis, for two epochs of one tunnel
+ALIKE = 1.5
 LOOKED_AT = 100_000  # points that tell where an epoch lies
 STEPS = (  # as ``compare`` reports them
     "axis of the first epoch",
@@ -50,10 +54,13 @@ _QUANTITIES = ("crown settlement", "horizontal convergence")
 class ComparedSection:
     """One section in both epochs.
 
-    sections, radii : of the first and the second epoch; points of the lining only, their `index` in the epoch's points
-    significance : of the differences of the radii, direction by direction and together; None where no direction is seen twice
+    sections, radii : of the first and the second epoch; points of the lining only, their `index` in
+        the epoch's points
+    significance : of the differences of the radii, direction by direction and together; None where
+        no direction is seen twice
     ellipses : robust ellipse of each epoch; None where too little is seen
-    change : Δρ(α) of the ellipses about the axis of the first epoch; None without ellipses or where one has not converged
+    change : Δρ(α) of the ellipses about the axis of the first epoch; None without ellipses or where
+        one has not converged
     registration : (2, 2) m², covariance of the section's shift (right, up) between the epochs
     note : why there is no change, in words; empty where there is one
     """
@@ -89,31 +96,62 @@ class ComparedSection:
     def row(self) -> dict:
         """The line of the section in :meth:`Comparison.table`."""
         seen = ~np.isnan(self.difference)
-        row = {"chainage_m": self.chainage, "points_1": self.sections[0].count, "points_2": self.sections[1].count}
-        row |= {"seen_percent": 100.0 * float(np.mean(seen)), "beyond_6_mm_percent": np.nan, "flagged": False}
-        row |= {"significant_percent": np.nan, "p_motion": np.nan, "p_shape": np.nan, "p_value": np.nan, "changed": False}
+        row = {
+            "chainage_m": self.chainage,
+            "points_1": self.sections[0].count,
+            "points_2": self.sections[1].count,
+        }
+        row |= {
+            "seen_percent": 100.0 * float(np.mean(seen)),
+            "beyond_6_mm_percent": np.nan,
+            "flagged": False,
+        }
+        row |= {
+            "significant_percent": np.nan,
+            "p_motion": np.nan,
+            "p_shape": np.nan,
+            "p_value": np.nan,
+            "changed": False,
+        }
         if self.significance is not None:
             delta = self.significance.delta
             row["beyond_6_mm_percent"], row["flagged"] = 100.0 * share_beyond(delta), flagged(delta)
             row["significant_percent"] = 100.0 * float(np.mean(self.significance.significant[seen]))
-            row |= {name: getattr(self.significance, name) for name in ("p_motion", "p_shape", "p_value", "changed")}
+            row |= {
+                name: getattr(self.significance, name)
+                for name in ("p_motion", "p_shape", "p_value", "changed")
+            }
         row |= dict.fromkeys(("largest_change_mm", "largest_change_sd_mm", "at_deg"), np.nan)
-        row |= {f"{name.replace(' ', '_')}_{end}": np.nan for name in _QUANTITIES for end in ("mm", "sd_mm")}
+        row |= {
+            f"{name.replace(' ', '_')}_{end}": np.nan
+            for name in _QUANTITIES
+            for end in ("mm", "sd_mm")
+        }
         if self.change is not None:
             # Where nothing is seen the ellipses differ, too, but nobody has measured that.
             largest = int(np.nanargmax(np.where(seen, np.abs(self.change.difference), np.nan)))
             row["largest_change_mm"] = 1e3 * float(self.change.difference[largest])
             row["largest_change_sd_mm"] = 1e3 * float(self.change.standard_deviations[largest])
             row["at_deg"] = float(np.degrees(self.change.angles[largest]))
-            found = quantities(*self.ellipses, pole=np.zeros(2), registration=self.registration).set_index("quantity")
+            found = quantities(
+                *self.ellipses, pole=np.zeros(2), registration=self.registration
+            ).set_index("quantity")
             for name in _QUANTITIES:
                 column = name.replace(" ", "_")
-                row[f"{column}_mm"], row[f"{column}_sd_mm"] = found.loc[name, ["value", "standard_deviation"]].astype(float)
+                row[f"{column}_mm"], row[f"{column}_sd_mm"] = found.loc[
+                    name, ["value", "standard_deviation"]
+                ].astype(float)
         return row | {"note": self.note}
 
     def by_direction(self) -> pd.DataFrame:
         """The section's rows of :meth:`Comparison.by_direction`."""
-        frame = pd.DataFrame({"chainage_m": self.chainage, "angle_deg": np.degrees(self.radii[0].directions), "class": self.classes})
+        frame = pd.DataFrame(
+            {
+                "chainage_m": self.chainage,
+                "angle_deg": np.degrees(self.radii[0].directions),
+                "class": self.classes,
+            }
+        )
         frame["difference_mm"] = 1e3 * self.difference
         found, change = self.significance, self.change
         frame["detectable_mm"] = np.nan if found is None else 1e3 * found.limit
@@ -144,31 +182,39 @@ class Comparison:
     def table(self) -> pd.DataFrame:
         """A row a section.
 
-        ========================================  ====================================================================
+        ========================================
+            ====================================================================
         `chainage_m`                              of the section, along the axis of the first epoch
         `points_1`, `points_2`                    of the lining in each epoch
         `seen_percent`                            of the directions, in both epochs
-        `beyond_6_mm_percent`, `flagged`          of the directions seen, |δ| > 6 mm; more than 30 % of them (Li et al. 2015)
-        `significant_percent`                     of the directions seen, |δ| beyond its own level of detection
-        `p_motion`, `p_shape`                     of so large a motion of the section, and of such differences beside any motion, by chance
-        `p_value`, `changed`                      of the section as a whole, from both; whether it is below 5 %
-        `largest_change_mm`, `…_sd_mm`, `at_deg`  of the ellipses, + outwards, over the directions seen; 0° crown, + right
-        `crown_settlement_mm`, `…_sd_mm`          −Δρ(0°) of the ellipses, + downwards
-        `horizontal_convergence_mm`, `…_sd_mm`    Δρ(90°) + Δρ(−90°) of the ellipses, + where the section widens
+        `beyond_6_mm_percent`, `flagged`          of the directions seen, |δ| > 6 mm; more than 30 %
+        of them (Li et al. 2015)
+        `significant_percent`                     of the directions seen, |δ| beyond its own level
+            of detection
+        `p_motion`, `p_shape`                     of so large a motion of the section, and of such
+        differences beside any motion, by chance `p_value`, `changed`                      of the
+        section as a whole, from both; whether it is below 5 % `largest_change_mm`, `…_sd_mm`,
+        `at_deg`  of the ellipses, + outwards, over the directions seen; 0° crown, + right
+                  `crown_settlement_mm`, `…_sd_mm`          −Δρ(0°) of the ellipses, + downwards
+        `horizontal_convergence_mm`, `…_sd_mm`    Δρ(90°) + Δρ(−90°) of the ellipses, + where the
+        section widens
         `note`                                    why there are no ellipses
-        ========================================  ====================================================================
+        ========================================
+            ====================================================================
 
-        Standard deviations hold the noise of both epochs and the registration. NaN where nothing can be said; such a section is
-        neither flagged nor changed.
+        Standard deviations hold the noise of both epochs and the registration. NaN where nothing
+        can be said; such a section is neither flagged nor changed.
         """
         return pd.DataFrame([section.row() for section in self.sections])
 
     def by_direction(self) -> pd.DataFrame:
         """A row a section and direction: `chainage_m`, `angle_deg` (0° crown, + right) and
 
-        - `class`, `difference_mm`: measured in the direction itself, + outwards; black, blue, red or gap;
+        - `class`, `difference_mm`: measured in the direction itself, + outwards; black, blue, red
+          or gap;
         - `detectable_mm`, `significant`: its level of detection, and whether it is beyond that;
-        - `ellipse_difference_mm`, `ellipse_sd_mm`: of the ellipses, which say something in gaps, too.
+        - `ellipse_difference_mm`, `ellipse_sd_mm`: of the ellipses, which say something in gaps,
+          too.
         """
         return pd.concat([section.by_direction() for section in self.sections], ignore_index=True)
 
@@ -188,23 +234,28 @@ def compare(
 
     Parameters
     ----------
-    first, second : (n, 3) points of the epochs in m, in one system, Z up; the tunnel may run in any horizontal direction.
-    spacing : between the sections in m, from where both epochs begin; or give their ``chainages`` (K,) along the axis, m.
+    first, second : (n, 3) points of the epochs in m, in one system, Z up; the tunnel may run in any
+        horizontal direction.
+    spacing : between the sections in m, from where both epochs begin; or give their ``chainages``
+        (K,) along the axis, m.
     thickness : of the sections, m.
-    registration : of the second epoch relative to the first: standard deviation in m of a section's shift in each coordinate, or
-        its covariance (2, 2) of (right, up) in m², or one a section, (K, 2, 2).
+    registration : of the second epoch relative to the first: standard deviation in m of a section's
+        shift in each coordinate, or its covariance (2, 2) of (right, up) in m², or one a section,
+        (K, 2, 2).
     axis : to cut with; None finds it from the first epoch.
     report : is told each of ``STEPS`` as it begins.
 
     Returns
     -------
-    Comparison. A section of which an epoch shows too little has no ellipses and no change, and says so. Memory beyond the
-    points is some 40 bytes a point and does not grow with the number of sections.
+    Comparison. A section of which an epoch shows too little has no ellipses and no change, and says
+    so. Memory beyond the points is some 40 bytes a point and does not grow with the number of
+    sections.
 
     Raises
     ------
-    ValueError : for points that are no tunnel, epochs that do not overlap or are not of one size and place, and values of the wrong
-        shape or sign. The message begins with ``first:`` or ``second:`` where an epoch is to blame.
+    ValueError : for points that are no tunnel, epochs that do not overlap or are not of one size
+        and place, and values of the wrong shape or sign. The message begins with ``first:`` or
+        ``second:`` where an epoch is to blame.
 
     Source: Li et al. 2015, sections 3 and 4.2; the tests and the standard deviations are additions.
 
@@ -236,7 +287,9 @@ def compare(
             linings.append(filter_lining(points, axis))
     for name, points, lining in zip(("first", "second"), epochs, linings, strict=True):
         report(f"sections of the {name} epoch")
-        cuts.append([_only(section, lining.lining) for section in cut(points, axis, chainages, thickness)])
+        cuts.append(
+            [_only(section, lining.lining) for section in cut(points, axis, chainages, thickness)]
+        )
     report(STEPS[-1])
     sections = tuple(_compared(*pair) for pair in zip(*cuts, registrations, strict=True))
     return Comparison(axis, tuple(linings), sections)
@@ -248,11 +301,16 @@ def compare(
 def _only(section: Section, keep: np.ndarray) -> Section:
     """The section with those of its points for which ``keep`` (of all points) is true."""
     kept = keep[section.index]
-    return replace(section, **{name: getattr(section, name)[kept] for name in ("index", "u", "v", "w")})
+    return replace(
+        section, **{name: getattr(section, name)[kept] for name in ("index", "u", "v", "w")}
+    )
 
 
 def _compared(first: Section, second: Section, registration: np.ndarray) -> ComparedSection:
-    radii = tuple(local_radii(section) if section.count >= FEWEST_RADII else _nothing() for section in (first, second))
+    radii = tuple(
+        local_radii(section) if section.count >= FEWEST_RADII else _nothing()
+        for section in (first, second)
+    )
     seen = ~np.isnan(differences(*radii))
     found = significance(*radii, registration=registration) if seen.any() else None
     ellipses = change = None
@@ -260,7 +318,9 @@ def _compared(first: Section, second: Section, registration: np.ndarray) -> Comp
     if not note:
         ellipses, note = _ellipses((first, second))
     if not note:
-        change = deformation(*ellipses, pole=np.zeros(2), angles=radii[0].directions, registration=registration)
+        change = deformation(
+            *ellipses, pole=np.zeros(2), angles=radii[0].directions, registration=registration
+        )
         if not np.isfinite(change.difference[seen]).all():
             change, note = None, "the axis lies outside an ellipse"
     return ComparedSection((first, second), radii, found, ellipses, change, registration, note)
@@ -271,15 +331,23 @@ def _too_little(sections: tuple[Section, Section], seen: float) -> str:
     for name, section in zip(("first", "second"), sections, strict=True):
         if section.count < FEWEST:
             return f"{section.count} points of lining in the {name} epoch, {FEWEST} are needed"
-    return "" if seen >= LEAST_SEEN else f"{100 * seen:.0f} % of the directions seen in both epochs, {100 * LEAST_SEEN:.0f} % are needed"
+    return (
+        ""
+        if seen >= LEAST_SEEN
+        else f"{100 * seen:.0f} % of the directions seen in both epochs, {100 * LEAST_SEEN:.0f} % are needed"
+    )
 
 
-def _ellipses(sections: tuple[Section, Section]) -> tuple[tuple[EllipseFit, EllipseFit] | None, str]:
+def _ellipses(
+    sections: tuple[Section, Section],
+) -> tuple[tuple[EllipseFit, EllipseFit] | None, str]:
     """Robust ellipses of both epochs, and what is wrong with them."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # the note says it
-            ellipses = tuple(fit_ellipse(np.column_stack([section.u, section.v])) for section in sections)
+            ellipses = tuple(
+                fit_ellipse(np.column_stack([section.u, section.v])) for section in sections
+            )
     except ValueError as error:
         return None, f"no ellipse: {error}"
     stopped = [str(ellipse.stop_reason) for ellipse in ellipses if not ellipse.converged]
@@ -313,7 +381,9 @@ def _epoch(points) -> np.ndarray:
 
 def _overlap(axis: Axis, first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
     """Chainages between which both epochs lie, after a look at whether they are of one tunnel."""
-    (ends_1, distance_1), (ends_2, distance_2) = (_place(axis, points) for points in (first, second))
+    (ends_1, distance_1), (ends_2, distance_2) = (
+        _place(axis, points) for points in (first, second)
+    )
     start, stop = np.clip([max(ends_1[0], ends_2[0]), min(ends_1[1], ends_2[1])], 0.0, axis.length)
     if not start < stop:
         raise ValueError(
@@ -329,11 +399,19 @@ def _overlap(axis: Axis, first: np.ndarray, second: np.ndarray) -> tuple[float, 
 
 
 def _place(axis: Axis, points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Chainages between which all but a thousandth of the points lie to either side, and the median distance of those beside the axis."""
+    """Chainages between which all but a thousandth of the points lie to either side, and the median
+    distance of those beside the axis.
+    """
     chosen = points[:: max(1, len(points) // LOOKED_AT)]
-    y, radius, _ = (np.concatenate(parts) for parts in zip(*(axis.polar(chosen[piece]) for piece in pieces(len(chosen))), strict=True))
-    beside = (y >= axis.y_range[0]) & (y <= axis.y_range[1])  # beyond its ends a straight continuation is no axis of the tunnel
-    return axis.chainage(np.quantile(y, [0.001, 0.999])), float(np.median(radius[beside])) if beside.any() else np.nan
+    y, radius, _ = (
+        np.concatenate(parts)
+        for parts in zip(*(axis.polar(chosen[piece]) for piece in pieces(len(chosen))), strict=True)
+    )
+    # beyond its ends a straight continuation is no axis of the tunnel
+    beside = (y >= axis.y_range[0]) & (y <= axis.y_range[1])
+    return axis.chainage(np.quantile(y, [0.001, 0.999])), float(
+        np.median(radius[beside])
+    ) if beside.any() else np.nan
 
 
 def _registrations(registration, count: int) -> np.ndarray:
@@ -341,7 +419,9 @@ def _registrations(registration, count: int) -> np.ndarray:
     array = finite_array(registration, "registration")
     if array.ndim == 0:
         if array < 0:
-            raise ValueError(f"registration: expected a standard deviation not below 0, got {array:g}")
+            raise ValueError(
+                f"registration: expected a standard deviation not below 0, got {array:g}"
+            )
         array = array**2 * np.eye(2)
     if array.shape not in ((2, 2), (count, 2, 2)):
         raise ValueError(

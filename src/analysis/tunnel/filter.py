@@ -1,15 +1,19 @@
-"""Which points of a tunnel scan are lining: elliptic cylinders by segments, and a surface that the lining's own deformation may follow.
+"""Which points of a tunnel scan are lining: elliptic cylinders by segments, and a surface that the
+lining's own deformation may follow.
 
-The paper fits an elliptic cylinder and takes off what lies away from it. Around one cylinder for a whole tunnel, and with a
-fixed limit, that takes off the deformation too. So here
+The paper fits an elliptic cylinder and takes off what lies away from it. Around one cylinder for a
+whole tunnel, and with a fixed limit, that takes off the deformation too. So here
 
-1. the tunnel is straightened along its axis and cut in segments of at most 3 m, each epoch by itself;
-2. an elliptic cylinder is fitted to each segment, robustly, to one point a pixel so that near and far parts count alike;
-3. what lies farther from it than ``reach`` is no lining. Through the other points goes a smooth surface of residuals
-   (:mod:`analysis.tunnel.lining_surface`), and a point is lining if it lies within ``threshold`` σ of that.
+1. the tunnel is straightened along its axis and cut in segments of at most 3 m, each epoch by
+itself; 2. an elliptic cylinder is fitted to each segment, robustly, to one point a pixel so that
+near and far parts count alike; 3. what lies farther from it than ``reach`` is no lining. Through
+the other points goes a smooth surface of residuals
+   (:mod:`analysis.tunnel.lining_surface`), and a point is lining if it lies within ``threshold`` σ
+   of that.
 
-Points are flagged, never deleted. Source: Li et al. 2015, step 4, for the elliptic cylinder; the limit of 3 σ from the median is a
-reading, because the paper does not print its own. The surface of residuals is an addition.
+Points are flagged, never deleted. Source: Li et al. 2015, step 4, for the elliptic cylinder; the
+limit of 3 σ from the median is a reading, because the paper does not print its own. The surface of
+residuals is an addition.
 """
 
 from __future__ import annotations
@@ -30,14 +34,16 @@ from .lining_surface import PixelGrid, fitted, median_scale
 LINING, INSIDE, OUTSIDE, UNSUPPORTED = 0, -1, 1, 2
 FEWEST = 100  # points in a segment
 SMALLEST, LARGEST = 0.5, 20.0  # m, radius
-LONGEST = 10.0  # m, of a segment with a local surface, whose system grows with the cube of the length
+# m, of a segment with a local surface, whose system grows with the cube of the length
+LONGEST = 10.0
 SURFACES = ("local", "cylinder")
 
 
 class TunnelAxis(Protocol):
     """What the filter asks of an axis, for points (n, 3)."""
 
-    def polar(self, points): ...  # y of their foot points, radius in m and angle in rad (0 crown, + right) about these, each (n,)
+    # y of their foot points, radius in m and angle in rad (0 crown, + right) about these, each (n,)
+    def polar(self, points): ...
 
     def chainage(self, y): ...  # arc length in m at y
 
@@ -50,7 +56,8 @@ class Segment:
     count : points in it
     center : (2,) of the section in its middle, right and up from the axis, m
     semi_axes (2,) in m, angle in rad from right towards up : of its elliptic cylinder
-    sigma : m, from the median of the points within reach; limit : m, the largest distance of a lining point
+    sigma : m, from the median of the points within reach; limit : m, the largest distance of a
+        lining point
     converged, stop_reason : how the adjustment of the cylinder ended
     """
 
@@ -68,17 +75,20 @@ class Segment:
     @classmethod
     def unsupported(cls, start: float, end: float, count: int, reason: str) -> Segment:
         unknown = np.full(2, np.nan)
-        return cls(float(start), float(end), count, unknown, unknown, np.nan, np.nan, np.nan, False, reason)
+        return cls(
+            float(start), float(end), count, unknown, unknown, np.nan, np.nan, np.nan, False, reason
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class FilteredLining:
     """Result of :func:`filter_lining`, in the order of the points.
 
-    flags : (n,) int8, 0 lining; −1 inside it: cables, lamps, bolts, track bed; +1 outside: pockets, joints, mixed pixels;
-        2 unsupported: too few points around to say
-    distances : (n,) m, signed and positive outside, from the surface by which it was decided: the segment's elliptic cylinder
-        plus, with the local surface, the residual surface. NaN where unsupported
+    flags : (n,) int8, 0 lining; −1 inside it: cables, lamps, bolts, track bed; +1 outside: pockets,
+        joints, mixed pixels; 2 unsupported: too few points around to say
+    distances : (n,) m, signed and positive outside, from the surface by which it was decided: the
+        segment's elliptic cylinder plus, with the local surface, the residual surface. NaN where
+        unsupported
     cylinder_distances : (n,) m, from the elliptic cylinder alone; they hold the deformation
     segment : (n,) number of the segment
     segments : the segments
@@ -112,22 +122,24 @@ def filter_lining(
     ----------
     points : (n, 3) in m. Not changed.
     axis : of the tunnel, for instance an :class:`analysis.tunnel.axis.Axis`.
-    segment : largest length of a segment, m; with ``surface="cylinder"`` also infinity, for one cylinder around all.
-    threshold : a point is lining up to this many σ, to either side; σ is 1.4826 times the median of the absolute distances
-        of the segment's points within reach.
-    surface : "local", the cylinder and a smooth surface of residuals, so that deformation is not taken off;
-        "cylinder", the elliptic cylinder alone.
+    segment : largest length of a segment, m; with ``surface="cylinder"`` also infinity, for one
+        cylinder around all.
+    threshold : a point is lining up to this many σ, to either side; σ is 1.4826 times the median of
+        the absolute distances of the segment's points within reach.
+    surface : "local", the cylinder and a smooth surface of residuals, so that deformation is not
+        taken off; "cylinder", the elliptic cylinder alone.
     reach : largest distance in m that the local surface may have from the cylinder.
     seed : of the robust adjustment.
 
     Returns
     -------
-    FilteredLining. Attachments are found from about threshold σ on, if they are narrower than about 0.3 m in one direction or
-    stand off by more than ``reach``. What is no lining, with the track bed, may be up to about 45 % of a segment's surface. With
-    fewer than about 500 points a metre the surface follows the noise a little, and up to 1 % of the lining is lost instead of 0.3 %.
+    FilteredLining. Attachments are found from about threshold σ on, if they are narrower than about
+    0.3 m in one direction or stand off by more than ``reach``. What is no lining, with the track
+    bed, may be up to about 45 % of a segment's surface. With fewer than about 500 points a metre
+    the surface follows the noise a little, and up to 1 % of the lining is lost instead of 0.3 %.
 
-    Raises ``ValueError`` for wrong shapes, NaN, non-positive lengths or an unknown surface, for what is no tunnel in metres around
-    the axis, and when no segment can be adjusted.
+    Raises ``ValueError`` for wrong shapes, NaN, non-positive lengths or an unknown surface, for
+    what is no tunnel in metres around the axis, and when no segment can be adjusted.
 
     >>> from analysis.tunnel.axis import straight
     >>> generator = np.random.default_rng(0)
@@ -143,13 +155,19 @@ def filter_lining(
     one_of(surface, SURFACES, "surface")
     segment = np.inf if segment == np.inf else positive(segment, "segment")
     if surface == "local" and segment > LONGEST:
-        raise ValueError(f"segment: expected at most {LONGEST:g} m with a local surface, got {segment}")
+        raise ValueError(
+            f"segment: expected at most {LONGEST:g} m with a local surface, got {segment}"
+        )
     threshold, reach = positive(threshold, "threshold"), positive(reach, "reach")
     radius, angle, along = _straightened(points, axis)
     if not SMALLEST <= (typical := float(np.median(radius))) <= LARGEST:
-        raise ValueError(f"points: expected a tunnel of {SMALLEST:g} to {LARGEST:g} m radius, in m, got {typical:.4g} from the axis")
+        raise ValueError(
+            f"points: expected a tunnel of {SMALLEST:g} to {LARGEST:g} m radius, in m, got {typical:.4g} from the axis"
+        )
     edges = _edges(along, segment)
-    number = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, len(edges) - 2).astype(np.int32)
+    number = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, len(edges) - 2).astype(
+        np.int32
+    )
     order = np.argsort(number, kind="stable")
     bounds = np.searchsorted(number[order], np.arange(len(edges)))
     flags = np.full(len(points), UNSUPPORTED, dtype=np.int8)
@@ -164,11 +182,15 @@ def filter_lining(
         if one.converged:
             flags[part] = np.where(np.abs(e) <= one.limit, LINING, np.where(e < 0, INSIDE, OUTSIDE))
     if not any(one.converged for one in segments):
-        raise ValueError(f"points: expected a segment that can be adjusted, got {len(segments)}, the first {segments[0].stop_reason}")
+        raise ValueError(
+            f"points: expected a segment that can be adjusted, got {len(segments)}, the first {segments[0].stop_reason}"
+        )
     return FilteredLining(flags, distances, from_cylinder, number, tuple(segments))
 
 
-def _straightened(points: np.ndarray, axis: TunnelAxis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _straightened(
+    points: np.ndarray, axis: TunnelAxis
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Radius, angle and chainage of the points (n, 3)."""
     radius, angle, along = np.empty((3, len(points)))
     for piece in pieces(len(points)):
@@ -183,11 +205,17 @@ def _edges(along: np.ndarray, segment: float) -> np.ndarray:
     return np.linspace(first, last, max(1, int(np.ceil((last - first) / segment))) + 1)
 
 
-def _segment(rho, alpha, w, start, end, threshold, surface, reach, seed) -> tuple[Segment, np.ndarray, np.ndarray]:
-    """The segment, and the distances of its points from the cylinder and from the surface that decides."""
+def _segment(
+    rho, alpha, w, start, end, threshold, surface, reach, seed
+) -> tuple[Segment, np.ndarray, np.ndarray]:
+    """The segment, and the distances of its points from the cylinder and from the surface that
+    decides.
+    """
     try:
         if len(rho) < FEWEST or end <= start:
-            raise ValueError(f"expected at least {FEWEST} points along some length, got {len(rho)} along {end - start:.3g} m")
+            raise ValueError(
+                f"expected at least {FEWEST} points along some length, got {len(rho)} along {end - start:.3g} m"
+            )
         grid = PixelGrid.of(float(np.median(rho)), start, end, len(rho))
         fit = _cylinder(rho, alpha, w, grid, seed)
         if not fit.converged:
@@ -200,7 +228,9 @@ def _segment(rho, alpha, w, start, end, threshold, surface, reach, seed) -> tupl
     e = d
     if surface == "local":
         residual = fitted(grid, grid.pixels(alpha[near], w[near]), d[near])
-        e = d - np.concatenate([grid.interpolated(residual, alpha[piece], w[piece]) for piece in pieces(len(d))])
+        e = d - np.concatenate(
+            [grid.interpolated(residual, alpha[piece], w[piece]) for piece in pieces(len(d))]
+        )
     sigma = median_scale(e[near])
     middle = fit.point + (0.5 * (start + end) - fit.point[1]) / fit.direction[1] * fit.direction
     return (

@@ -1,13 +1,16 @@
-"""A smooth surface of radial residuals over a piece of lining, fitted so that what is fixed to the lining does not pull it.
+"""A smooth surface of radial residuals over a piece of lining, fitted so that what is fixed to the
+lining does not pull it.
 
-The surface s(α, w) is a tensor product of cubic B-splines, periodic in α. Their knots are half a metre apart: a dent of the lining
-is wider than that and is followed, a cable or a lamp is narrower and is left standing off. What covers the wall over more
-than about 0.3 m in every direction, but stands off by less than the surface's reach, cannot be told from a dent.
+The surface s(α, w) is a tensor product of cubic B-splines, periodic in α. Their knots are half a
+metre apart: a dent of the lining is wider than that and is followed, a cable or a lamp is narrower
+and is left standing off. What covers the wall over more than about 0.3 m in every direction, but
+stands off by less than the surface's reach, cannot be told from a dent.
 
-The points are summed on a grid of pixels of 5 cm, so that an iteration costs a few sums over the points and one small system.
-Its matrix comes from the grid by two products (Eilers, Currie & Durbán 2006); they are sparse and the matrix is banded, because
-a B-spline overlaps with few others. The iteration is reweighted least squares: first with weights 1/|e|, whose limit is a median
-surface that a local minority does not move, then from there with IGG III weights.
+The points are summed on a grid of pixels of 5 cm, so that an iteration costs a few sums over the
+points and one small system. Its matrix comes from the grid by two products (Eilers, Currie & Durbán
+2006); they are sparse and the matrix is banded, because a B-spline overlaps with few others. The
+iteration is reweighted least squares: first with weights 1/|e|, whose limit is a median surface
+that a local minority does not move, then from there with IGG III weights.
 """
 
 from __future__ import annotations
@@ -27,7 +30,8 @@ KNOTS = 0.5  # m, and farther apart where there are fewer than so many points
 POINTS_A_KNOT = 20
 MEDIAN_STEPS, STEPS = 12, 12
 SETTLED = 2e-5  # m
-# What a pixel can say of a smooth surface is limited by the wall's roughness and not by the number of its points.
+# What a pixel can say of a smooth surface is limited by the wall's roughness and not by the number
+# of its points.
 POINTS_THAT_COUNT = 20.0
 RIDGE = 0.1  # of one point, towards the cylinder, where there are no points
 ROUGHNESS = 0.001  # m; no lining is smoother, and no scale smaller
@@ -52,8 +56,15 @@ class PixelGrid:
         circumference, length = 2.0 * np.pi * radius, end - start
         apart = max(KNOTS, np.sqrt(POINTS_A_KNOT * circumference * length / count))
         around, along = max(16, round(circumference / PIXEL)), max(4, round(length / PIXEL))
-        across = _periodic_basis((np.arange(around) + 0.5) / around, max(8, round(circumference / apart)))
-        return cls(start, end, across, _open_basis((np.arange(along) + 0.5) / along, max(1, round(length / apart))))
+        across = _periodic_basis(
+            (np.arange(around) + 0.5) / around, max(8, round(circumference / apart))
+        )
+        return cls(
+            start,
+            end,
+            across,
+            _open_basis((np.arange(along) + 0.5) / along, max(1, round(length / apart))),
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -62,13 +73,17 @@ class PixelGrid:
     def places(self, angle: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """α and w in pixels, from the edge of the first one."""
         rows, columns = self.shape
-        return (angle + np.pi) * (rows / (2.0 * np.pi)), (along - self.start) * (columns / (self.end - self.start))
+        return (angle + np.pi) * (rows / (2.0 * np.pi)), (along - self.start) * (
+            columns / (self.end - self.start)
+        )
 
     def pixels(self, angle: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Number of the pixel each point lies in, (n,)."""
         rows, columns = self.shape
         i, j = self.places(angle, along)
-        return np.clip(i.astype(np.int64), 0, rows - 1) * columns + np.clip(j.astype(np.int64), 0, columns - 1)
+        return np.clip(i.astype(np.int64), 0, rows - 1) * columns + np.clip(
+            j.astype(np.int64), 0, columns - 1
+        )
 
     def interpolated(self, values: np.ndarray, angle: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Bilinear between the values (Pα, Pw) at the pixel centres."""
@@ -77,12 +92,18 @@ class PixelGrid:
         i, j = i - 0.5, np.clip(j - 0.5, 0.0, columns - 1.0)
         row, column = np.floor(i).astype(np.int64), np.minimum(j.astype(np.int64), columns - 2)
         x, y = i - row, j - column
-        flat, first, second = values.ravel(), row % rows * columns + column, (row + 1) % rows * columns + column
+        flat, first, second = (
+            values.ravel(),
+            row % rows * columns + column,
+            (row + 1) % rows * columns + column,
+        )
         below = flat[first] * (1.0 - y) + flat[first + 1] * y
         return below * (1.0 - x) + (flat[second] * (1.0 - y) + flat[second + 1] * y) * x
 
     def smoothed(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Values (Pα, Pw) of the spline that fits ``values`` with ``weights`` by least squares, at the pixel centres."""
+        """Values (Pα, Pw) of the spline that fits ``values`` with ``weights`` by least squares, at
+        the pixel centres.
+        """
         across, along, lower, diagonal, column = self._equations
         k, m = self.across.shape[1], self.along.shape[1]
         N = np.zeros((diagonal.max() + 1, k * m))  # the diagonals of its lower half
@@ -94,7 +115,9 @@ class PixelGrid:
 
     @cached_property
     def _equations(self) -> tuple[csr_array, csr_array, np.ndarray, np.ndarray, np.ndarray]:
-        """For the normal matrix: products of basis functions across and along, which of their products lie in its lower half, and where."""
+        """For the normal matrix: products of basis functions across and along, which of their
+        products lie in its lower half, and where.
+        """
         (p, q), across = _overlapping(self.across)
         (r, s), along = _overlapping(self.along)
         m = self.along.shape[1]
@@ -117,7 +140,9 @@ def _open_basis(x: np.ndarray, intervals: int) -> csr_array:
 
 
 def _periodic_basis(x: np.ndarray, intervals: int) -> csr_array:
-    """The same, periodic: (n, intervals), in the order 0, −1, 1, −2, … in which neighbours on the ring stay near one another."""
+    """The same, periodic: (n, intervals), in the order 0, −1, 1, −2, … in which neighbours on the
+    ring stay near one another.
+    """
     basis = _open_basis(x, intervals).toarray()
     basis[:, :3] += basis[:, -3:]
     place = np.arange(intervals)
@@ -126,17 +151,27 @@ def _periodic_basis(x: np.ndarray, intervals: int) -> csr_array:
 
 def median_scale(residuals: np.ndarray) -> float:
     """``1.4826 med|e|``, not below the roughness of a lining."""
-    return max(1.4826 * float(np.median(np.abs(residuals))), ROUGHNESS) if residuals.size else ROUGHNESS
+    return (
+        max(1.4826 * float(np.median(np.abs(residuals))), ROUGHNESS)
+        if residuals.size
+        else ROUGHNESS
+    )
 
 
 def fitted(grid: PixelGrid, pixel: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """The surface at the pixel centres, (Pα, Pw), of residuals d (n,) of points in the given pixels."""
+    """The surface at the pixel centres, (Pα, Pw), of residuals d (n,) of points in the given
+    pixels.
+    """
     count = np.prod(grid.shape)
     surface = np.zeros(count)
     for step in range(MEDIAN_STEPS + STEPS):
         e = d - surface[pixel]
         scale = median_scale(e)
-        weights = scale / np.maximum(np.abs(e), scale) if step < MEDIAN_STEPS else WEIGHTS.weight(e / scale)
+        weights = (
+            scale / np.maximum(np.abs(e), scale)
+            if step < MEDIAN_STEPS
+            else WEIGHTS.weight(e / scale)
+        )
         total = np.bincount(pixel, weights, count)
         mean = np.bincount(pixel, weights * d, count) / np.maximum(total, 1e-12)
         total /= 1.0 + total / POINTS_THAT_COUNT

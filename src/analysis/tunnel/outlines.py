@@ -1,17 +1,21 @@
-"""What a section has become from one epoch to the next: polar radii compared, with their standard deviations.
+"""What a section has become from one epoch to the next: polar radii compared, with their standard
+deviations.
 
-    Δρ(α) = ρ₂(α) − ρ₁(α),   point (u, v) = pole + ρ (sin α, cos α)                     (Li et al. 2015, section 3.4.3)
+    Δρ(α) = ρ₂(α) − ρ₁(α),   point (u, v) = pole + ρ (sin α, cos α)                     (Li et al.
+    2015, section 3.4.3)
 
-α is 0 at the crown and positive to the right; u is to the right and v up, in the section's plane. Both epochs are seen from one pole.
-Δρ is a linear function of what was estimated, the outline of either epoch and the shift between the epochs' frames:
+α is 0 at the crown and positive to the right; u is to the right and v up, in the section's plane.
+Both epochs are seen from one pole. Δρ is a linear function of what was estimated, the outline of
+either epoch and the shift between the epochs' frames:
 
     var Δρ = g₁ᵀΣ₁g₁ + g₂ᵀΣ₂g₂ + sᵀΣₜs
 
-with g the gradients of the radii and s that of a shift of the second outline. Neighbouring directions are strongly correlated; everything
-derived from Δρ takes that along.
+with g the gradients of the radii and s that of a shift of the second outline. Neighbouring
+directions are strongly correlated; everything derived from Δρ takes that along.
 
-An outline is an ellipse (:class:`~analysis.surfaces.ellipse.EllipseFit`) or a short Fourier series of the radius (:class:`RadialFit`). Neither
-follows a local dent; what they leave is in the residuals (:func:`residual_profile`).
+An outline is an ellipse (:class:`~analysis.surfaces.ellipse.EllipseFit`) or a short Fourier series
+of the radius (:class:`RadialFit`). Neither follows a local dent; what they leave is in the
+residuals (:func:`residual_profile`).
 """
 
 from __future__ import annotations
@@ -27,7 +31,8 @@ from ..adjustment.linalg import cofactor_from_factor, propagate, solve
 from ..checks import finite_array, point_array, positive, whole_number
 from ..surfaces.ellipse import EllipseFit
 
-ANGLES = np.deg2rad(np.arange(-135.0, 136.0))  # the track bed hides the rest (Li et al. 2015, section 4.2.2)
+# the track bed hides the rest (Li et al. 2015, section 4.2.2)
+ANGLES = np.deg2rad(np.arange(-135.0, 136.0))
 ORDER = 4  # of Fourier series: an ellipse with 22 mm between its axes is one to 0.001 mm
 TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % at the normal law
 
@@ -37,7 +42,8 @@ class Outline(Protocol):
 
     regular_covariance: np.ndarray  # (…, P, P) of the P numbers that describe it
 
-    def polar(self, angles, pole): ...  # radii (…, K), ∂ρ/∂(the P numbers) (…, K, P), ∂ρ/∂(shift in u and v) (…, K, 2)
+    # radii (…, K), ∂ρ/∂(the P numbers) (…, K, P), ∂ρ/∂(shift in u and v) (…, K, 2)
+    def polar(self, angles, pole): ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +53,8 @@ class Deformation:
     angles : (K,) rad, 0 at the crown, positive to the right
     pole : (…, 2) m, from which both epochs are seen
     first, second, difference : (…, K) radii of the epochs and Δρ, m
-    gradient : (…, K, P) of Δρ by all that was estimated; covariance : (…, P, P) of that, m² for lengths
+    gradient : (…, K, P) of Δρ by all that was estimated; covariance : (…, P, P) of that, m² for
+        lengths
     """
 
     angles: np.ndarray
@@ -61,20 +68,28 @@ class Deformation:
     @property
     def standard_deviations(self) -> np.ndarray:
         """(…, K) of Δρ in m."""
-        return np.sqrt(np.einsum("...kp,...pq,...kq->...k", self.gradient, self.covariance, self.gradient))
+        return np.sqrt(
+            np.einsum("...kp,...pq,...kq->...k", self.gradient, self.covariance, self.gradient)
+        )
 
     def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bound (…, K) in m of the interval that holds a true Δρ with this probability, each direction by itself."""
+        """Lower and upper bound (…, K) in m of the interval that holds a true Δρ with this
+        probability, each direction by itself.
+        """
         half = norm.ppf(0.5 + 0.5 * _probability(level, "level")) * self.standard_deviations
         return self.difference - half, self.difference + half
 
     def combination(self, weights) -> tuple[np.ndarray, np.ndarray]:
-        """Values (…, F) of the sums ``Σ weights Δρ``, weights (F, K), and their covariance (…, F, F)."""
+        """Values (…, F) of the sums ``Σ weights Δρ``, weights (F, K), and their covariance (…, F,
+        F).
+        """
         weights = np.asarray(weights, dtype=float)
         return self.difference @ weights.T, propagate(self.covariance, weights @ self.gradient)
 
     def table(self) -> pd.DataFrame:
-        """A row a section and direction: `section`, `angle_deg`, radii in m, `difference_mm` and its `standard_deviation_mm`."""
+        """A row a section and direction: `section`, `angle_deg`, radii in m, `difference_mm` and
+        its `standard_deviation_mm`.
+        """
         count = len(self.angles)
         sections = self.difference.size // count
         return pd.DataFrame(
@@ -89,18 +104,23 @@ class Deformation:
         )
 
 
-def deformation(first: Outline, second: Outline, *, pole=None, angles=ANGLES, registration=None) -> Deformation:
+def deformation(
+    first: Outline, second: Outline, *, pole=None, angles=ANGLES, registration=None
+) -> Deformation:
     """Δρ(α) of the outlines of two epochs, in one frame, with everything needed for its covariance.
 
     Parameters
     ----------
     first, second : of the same section or stack of sections (…), independent of each other.
-    pole : (2,) or (…, 2) in m inside both, such as the first epoch's axis. None takes the centre of the first ellipse. It is a given
-        place, without error: another pole is another Δρ. Where an outline does not go round it, Δρ is NaN.
+    pole : (2,) or (…, 2) in m inside both, such as the first epoch's axis. None takes the centre of
+        the first ellipse. It is a given place, without error: another pole is another Δρ. Where an
+        outline does not go round it, Δρ is NaN.
     angles : (K,) rad.
-    registration : (2, 2) or (…, 2, 2) covariance in m² of the shift in (u, v) between the epochs' frames at the section; None for none.
+    registration : (2, 2) or (…, 2, 2) covariance in m² of the shift in (u, v) between the epochs'
+        frames at the section; None for none.
 
-    Raises ``ValueError`` for stacks that do not belong together, wrong shapes, and outlines without a centre where no pole is given.
+    Raises ``ValueError`` for stacks that do not belong together, wrong shapes, and outlines without
+    a centre where no pole is given.
 
     >>> from analysis.surfaces.ellipse import EllipseFit
     >>> def known(a, b):
@@ -117,11 +137,15 @@ def deformation(first: Outline, second: Outline, *, pole=None, angles=ANGLES, re
         raise ValueError(f"angles: expected shape (K,), got {angles.shape}")
     if pole is None:
         if not isinstance(first, EllipseFit):
-            raise ValueError("pole: expected a place, because the first outline has no centre of its own; got None")
+            raise ValueError(
+                "pole: expected a place, because the first outline has no centre of its own; got None"
+            )
         pole = first.center
     parts = [first.regular_covariance, second.regular_covariance]
     if parts[0].shape[:-2] != parts[1].shape[:-2]:
-        raise ValueError(f"second: expected outlines of shape {parts[0].shape[:-2]} as the first, got {parts[1].shape[:-2]}")
+        raise ValueError(
+            f"second: expected outlines of shape {parts[0].shape[:-2]} as the first, got {parts[1].shape[:-2]}"
+        )
     lead = parts[0].shape[:-2]
     pole = np.broadcast_to(_of_shape(pole, lead, (2,), "pole"), lead + (2,))
     radii_1, gradient_1, _ = first.polar(angles, pole)
@@ -129,7 +153,9 @@ def deformation(first: Outline, second: Outline, *, pole=None, angles=ANGLES, re
     gradients = [-gradient_1, gradient_2]
     if registration is not None:
         gradients.append(shift)
-        parts.append(np.broadcast_to(_of_shape(registration, lead, (2, 2), "registration"), lead + (2, 2)))
+        parts.append(
+            np.broadcast_to(_of_shape(registration, lead, (2, 2), "registration"), lead + (2, 2))
+        )
     gradient = np.concatenate(gradients, axis=-1)
     covariance = np.zeros(lead + 2 * gradient.shape[-1:])
     start = 0
@@ -143,19 +169,30 @@ def deformation(first: Outline, second: Outline, *, pole=None, angles=ANGLES, re
 # ------------------------------------------------------------------------ what is read from it
 
 
-def quantities(first: EllipseFit, second: EllipseFit, *, pole=None, registration=None) -> pd.DataFrame:
+def quantities(
+    first: EllipseFit, second: EllipseFit, *, pole=None, registration=None
+) -> pd.DataFrame:
     """The numbers a tunnel is judged by, with standard deviations; a row a section and quantity.
 
     - ``horizontal convergence`` ΔH = Δρ(90°) + Δρ(−90°), positive when the section widens;
     - ``crown settlement`` −Δρ(0°), positive downwards;
-    - ``vertical convergence`` ΔV = Δρ(0°) + Δρ(180°): the invert is not seen, so this is the ellipse's word alone, `extrapolated`;
-    - ``ovality, first`` and ``second``: (a − b)/r̄ with r̄ = (a + b)/2. Near a circle it is biased upwards and not normally distributed.
+    - ``vertical convergence`` ΔV = Δρ(0°) + Δρ(180°): the invert is not seen, so this is the
+      ellipse's word alone, `extrapolated`;
+    - ``ovality, first`` and ``second``: (a − b)/r̄ with r̄ = (a + b)/2. Near a circle it is biased
+      upwards and not normally distributed.
 
-    Arguments as for :func:`deformation`. Columns `section`, `quantity`, `value`, `standard_deviation`, `unit`, `extrapolated`.
+    Arguments as for :func:`deformation`. Columns `section`, `quantity`, `value`,
+    `standard_deviation`, `unit`, `extrapolated`.
 
     Source: Li et al. 2015, section 3.4.3.
     """
-    change = deformation(first, second, pole=pole, angles=np.deg2rad([-90.0, 0.0, 90.0, 180.0]), registration=registration)
+    change = deformation(
+        first,
+        second,
+        pole=pole,
+        angles=np.deg2rad([-90.0, 0.0, 90.0, 180.0]),
+        registration=registration,
+    )
     values, covariance = change.combination([[1, 0, 1, 0], [0, -1, 0, 0], [0, 1, 0, 1]])
     sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     columns = [
@@ -170,25 +207,34 @@ def quantities(first: EllipseFit, second: EllipseFit, *, pole=None, registration
         for section in range(max(1, int(np.prod(change.difference.shape[:-1]))))
         for name, value, deviation, unit, extrapolated in columns
     ]
-    return pd.DataFrame(rows, columns=["section", "quantity", "value", "standard_deviation", "unit", "extrapolated"])
+    return pd.DataFrame(
+        rows, columns=["section", "quantity", "value", "standard_deviation", "unit", "extrapolated"]
+    )
 
 
 def ovality(fit: EllipseFit) -> tuple[np.ndarray, np.ndarray]:
-    """(a − b)/r̄, r̄ = (a + b)/2, and its standard deviation to first order, (…): good where a − b is several times as large."""
+    """(a − b)/r̄, r̄ = (a + b)/2, and its standard deviation to first order, (…): good where a − b
+    is several times as large.
+    """
     m, g, h = np.moveaxis(fit.regular[..., 2:], -1, 0)
     half = np.hypot(g, h)
     share = np.maximum(half, np.finfo(float).tiny)
     gradient = np.stack([-2.0 * half / m**2, 2.0 * g / (share * m), 2.0 * h / (share * m)], axis=-1)
-    return 2.0 * half / m, np.sqrt(np.einsum("...i,...ij,...j->...", gradient, fit.regular_covariance[..., 2:, 2:], gradient))
+    return 2.0 * half / m, np.sqrt(
+        np.einsum("...i,...ij,...j->...", gradient, fit.regular_covariance[..., 2:, 2:], gradient)
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Δρ(α) of sections (…) as a mean change, a motion of the ring as a whole, and a change of shape; m.
+    """Δρ(α) of sections (…) as a mean change, a motion of the ring as a whole, and a change of
+    shape; m.
 
     mean : (…) mean change of the radius c0
-    translation : (…, 2) motion of the ring (u, v) = (s1, c1), its `translation_covariance` (…, 2, 2)
-    rigid : (…, K) c1 cos α + s1 sin α;  shape : (…, K) Δρ − mean − rigid, and its `shape_standard_deviations` (…, K)
+    translation : (…, 2) motion of the ring (u, v) = (s1, c1), its `translation_covariance` (…, 2,
+        2)
+    rigid : (…, K) c1 cos α + s1 sin α;  shape : (…, K) Δρ − mean − rigid, and its
+        `shape_standard_deviations` (…, K)
     """
 
     mean: np.ndarray
@@ -201,11 +247,14 @@ class Split:
 
 
 def split(change: Deformation, order: int = ORDER) -> Split:
-    """Divide Δρ(α) into mean, rigid and shape part by ``c0 + Σ_k (c_k cos kα + s_k sin kα)``, k ≤ order, over its directions.
+    """Divide Δρ(α) into mean, rigid and shape part by ``c0 + Σ_k (c_k cos kα + s_k sin kα)``, k ≤
+    order, over its directions.
 
-    Registration error is a motion, too: it is in the rigid part and its covariance, and hardly in the shape.
+    Registration error is a motion, too: it is in the rigid part and its covariance, and hardly in
+    the shape.
 
-    Raises ``ValueError`` for fewer than 2·order + 1 directions, or when they leave so large a gap that they do not tell the terms apart.
+    Raises ``ValueError`` for fewer than 2·order + 1 directions, or when they leave so large a gap
+    that they do not tell the terms apart.
 
     >>> wave = np.array([[0.001 + 0.002 * np.cos(ANGLES) + 0.003 * np.cos(2 * ANGLES)]]).reshape(-1)
     >>> nothing = np.zeros((len(ANGLES), 1))
@@ -227,7 +276,9 @@ def split(change: Deformation, order: int = ORDER) -> Split:
         covariance[..., [[2], [1]], [2, 1]],
         rigid,
         change.difference - coefficients[..., :1] - rigid,
-        np.sqrt(np.einsum("...kp,...pq,...kq->...k", shape_gradient, change.covariance, shape_gradient)),
+        np.sqrt(
+            np.einsum("...kp,...pq,...kq->...k", shape_gradient, change.covariance, shape_gradient)
+        ),
     )
 
 
@@ -242,15 +293,19 @@ def fourier_rows(angles: np.ndarray, order: int = ORDER) -> np.ndarray:
            [1., 0., 1.]])
     """
     multiples = np.asarray(angles)[..., None] * np.arange(1, whole_number(order, "order") + 1)
-    waves = np.stack([np.cos(multiples), np.sin(multiples)], axis=-1).reshape(multiples.shape[:-1] + (-1,))
+    waves = np.stack([np.cos(multiples), np.sin(multiples)], axis=-1).reshape(
+        multiples.shape[:-1] + (-1,)
+    )
     return np.concatenate([np.ones(waves.shape[:-1] + (1,)), waves], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class RadialFit:
-    """Outlines ``ρ(α) = r0 + Σ_k (c_k cos kα + s_k sin kα)`` about a pole, fitted to the points of sections (…).
+    """Outlines ``ρ(α) = r0 + Σ_k (c_k cos kα + s_k sin kα)`` about a pole, fitted to the points of
+    sections (…).
 
-    coefficients : (…, 2·order + 1) m;  cofactor : of them;  sigma_0 : (…) m;  residuals : (…, n) m, positive outside
+    coefficients : (…, 2·order + 1) m;  cofactor : of them;  sigma_0 : (…) m;  residuals : (…, n) m,
+        positive outside
     """
 
     pole: np.ndarray
@@ -265,15 +320,24 @@ class RadialFit:
         """(…, P, P) of the coefficients, m²."""
         return np.asarray(self.sigma_0)[..., None, None] ** 2 * self.cofactor
 
-    def polar(self, angles: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Radii (…, K), their gradients by the coefficients and by a shift; from the pole of the fit only."""
+    def polar(
+        self, angles: np.ndarray, pole: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Radii (…, K), their gradients by the coefficients and by a shift; from the pole of the
+        fit only.
+        """
         if not np.array_equal(np.broadcast_to(pole, self.pole.shape), self.pole):
             raise ValueError(f"pole: expected that of the radial fit, {self.pole}, got {pole}")
         F = fourier_rows(angles, self.order)
         k = np.arange(1, self.order + 1)
         radii = self.coefficients @ F.T
-        slope = (k * self.coefficients[..., 2::2]) @ F[:, 1::2].T - (k * self.coefficients[..., 1::2]) @ F[:, 2::2].T
-        outwards, along = np.stack([np.sin(angles), np.cos(angles)], axis=-1), np.stack([np.cos(angles), -np.sin(angles)], axis=-1)
+        slope = (k * self.coefficients[..., 2::2]) @ F[:, 1::2].T - (
+            k * self.coefficients[..., 1::2]
+        ) @ F[:, 2::2].T
+        outwards, along = (
+            np.stack([np.sin(angles), np.cos(angles)], axis=-1),
+            np.stack([np.cos(angles), -np.sin(angles)], axis=-1),
+        )
         shift = outwards - (slope / radii)[..., None] * along
         return radii, np.broadcast_to(F, radii.shape + F.shape[-1:]), shift
 
@@ -281,10 +345,12 @@ class RadialFit:
 def fit_radial(points, pole, *, order: int = ORDER, weights=None) -> RadialFit:
     """Least-squares Fourier series of the radius: linear, and nothing special about a circle.
 
-    points : (n, 2) or (…, n, 2) in m; pole : (2,) or (…, 2) inside; weights : (n,) or (…, n) ≥ 0, such as the ``weights`` of a robust
+    points : (n, 2) or (…, n, 2) in m; pole : (2,) or (…, 2) inside; weights : (n,) or (…, n) ≥ 0,
+        such as the ``weights`` of a robust
     ellipse, which are 0 for its outliers. None for ones.
 
-    Raises ``ValueError`` for fewer points than coefficients, or when they leave so large a gap that the terms are not told apart.
+    Raises ``ValueError`` for fewer points than coefficients, or when they leave so large a gap that
+    the terms are not told apart.
 
     >>> alpha = np.linspace(-2.3, 2.3, 60)
     >>> fit = fit_radial(np.column_stack([2.7 * np.sin(alpha), 2.7 * np.cos(alpha)]), [0.0, 0.1])
@@ -295,7 +361,9 @@ def fit_radial(points, pole, *, order: int = ORDER, weights=None) -> RadialFit:
     points = point_array(points, 2, count, f"a radial series of order {order}")
     lead, n = points.shape[:-2], points.shape[-2]
     pole = np.broadcast_to(_of_shape(pole, lead, (2,), "pole"), lead + (2,))
-    P = np.broadcast_to(1.0 if weights is None else _of_shape(weights, lead, (n,), "weights"), lead + (n,))
+    P = np.broadcast_to(
+        1.0 if weights is None else _of_shape(weights, lead, (n,), "weights"), lead + (n,)
+    )
     if (P < 0).any():
         raise ValueError(f"weights: expected none below 0, got a smallest value of {P.min():g}")
     u, v = np.moveaxis(points - pole[..., None, :], -1, 0)
@@ -303,22 +371,30 @@ def fit_radial(points, pole, *, order: int = ORDER, weights=None) -> RadialFit:
     root = np.sqrt(P)[..., None]
     R = _factor(root * F)
     cofactor = cofactor_from_factor(R)
-    coefficients = solve(R, solve(R.swapaxes(-1, -2), (F * P[..., None]).swapaxes(-1, -2) @ radii[..., None]))[..., 0]
+    coefficients = solve(
+        R, solve(R.swapaxes(-1, -2), (F * P[..., None]).swapaxes(-1, -2) @ radii[..., None])
+    )[..., 0]
     residuals = radii - np.einsum("...np,...p->...n", F, coefficients)
     redundancy = np.count_nonzero(P, axis=-1) - count
-    sigma_0 = np.sqrt(np.sum(P * residuals**2, axis=-1) / np.where(redundancy > 0, redundancy, np.nan))
+    sigma_0 = np.sqrt(
+        np.sum(P * residuals**2, axis=-1) / np.where(redundancy > 0, redundancy, np.nan)
+    )
     return RadialFit(pole, order, coefficients, cofactor, sigma_0, residuals)
 
 
 def _factor(rows: np.ndarray) -> np.ndarray:
     """Triangular factor (…, P, P) of rows (…, n, P), which must tell their columns apart."""
     if rows.shape[-2] < rows.shape[-1]:
-        raise ValueError(f"directions: expected at least {rows.shape[-1]} for this order, got {rows.shape[-2]}")
+        raise ValueError(
+            f"directions: expected at least {rows.shape[-1]} for this order, got {rows.shape[-2]}"
+        )
     R = np.linalg.qr(rows, mode="r")
     extents = np.linalg.svd(R, compute_uv=False)
     share = np.min(extents[..., -1] / extents[..., 0])
     if not share > 1e-6:
-        raise ValueError(f"directions: expected some all around the section, got a condition number of {1 / max(share, 1e-99):.0e}")
+        raise ValueError(
+            f"directions: expected some all around the section, got a condition number of {1 / max(share, 1e-99):.0e}"
+        )
     return R
 
 
@@ -326,19 +402,30 @@ def _factor(rows: np.ndarray) -> np.ndarray:
 
 
 def residual_profile(
-    points, fit: EllipseFit, pole, *, angles=ANGLES, half_width: float = np.deg2rad(2.0), minimum: int = 5
+    points,
+    fit: EllipseFit,
+    pole,
+    *,
+    angles=ANGLES,
+    half_width: float = np.deg2rad(2.0),
+    minimum: int = 5,
 ) -> pd.DataFrame:
-    """What one section's ellipse leaves, by direction: the median signed distance of all points near each direction.
+    """What one section's ellipse leaves, by direction: the median signed distance of all points
+    near each direction.
 
-    points : (n, 2) m, those of the fit; pole : (2,); half_width : rad, of a cell; minimum : points, fewer make a gap (NaN)
+    points : (n, 2) m, those of the fit; pole : (2,); half_width : rad, of a cell; minimum : points,
+        fewer make a gap (NaN)
 
-    All points count, also those that a robust fit has thrown out: a dent is among them. Columns `angle_deg`, `points`, `residual_mm`
-    (positive outside) and `standard_deviation_mm`, from the interval of ordered residuals that holds the true median with 95 %: it is
-    large where a cell holds two things, such as lining and tray. Cells wider than the step share points.
+    All points count, also those that a robust fit has thrown out: a dent is among them. Columns
+    `angle_deg`, `points`, `residual_mm` (positive outside) and `standard_deviation_mm`, from the
+    interval of ordered residuals that holds the true median with 95 %: it is large where a cell
+    holds two things, such as lining and tray. Cells wider than the step share points.
     """
     points = point_array(points, 2, 1, "a profile")
     if points.ndim != 2 or fit.distances.shape != points.shape[:1]:
-        raise ValueError(f"points: expected those of the fit, of shape {fit.distances.shape + (2,)}, got {points.shape}")
+        raise ValueError(
+            f"points: expected those of the fit, of shape {fit.distances.shape + (2,)}, got {points.shape}"
+        )
     u, v = np.moveaxis(points - _of_shape(pole, (), (2,), "pole"), -1, 0)
     alpha = np.arctan2(u, v)
     order = np.argsort(alpha)
@@ -346,35 +433,54 @@ def residual_profile(
     distances = np.tile(fit.distances[order], 3)
     angles = finite_array(angles, "angles")
     half_width = positive(half_width, "half_width")
-    first, last = np.searchsorted(around, angles - half_width), np.searchsorted(around, angles + half_width, side="right")
+    first, last = (
+        np.searchsorted(around, angles - half_width),
+        np.searchsorted(around, angles + half_width, side="right"),
+    )
     rows = []
     for angle, start, stop in zip(angles, first, last, strict=True):
-        middle, deviation = _median(distances[start:stop]) if stop - start >= minimum else (np.nan, np.nan)
+        middle, deviation = (
+            _median(distances[start:stop]) if stop - start >= minimum else (np.nan, np.nan)
+        )
         rows.append((np.rad2deg(angle), stop - start, 1000 * middle, 1000 * deviation))
-    return pd.DataFrame(rows, columns=["angle_deg", "points", "residual_mm", "standard_deviation_mm"])
+    return pd.DataFrame(
+        rows, columns=["angle_deg", "points", "residual_mm", "standard_deviation_mm"]
+    )
 
 
 def _median(values: np.ndarray) -> tuple[float, float]:
-    """Median and its standard deviation: how many of n values lie below the true one is binomial, with n/2 ± √n/2."""
+    """Median and its standard deviation: how many of n values lie below the true one is binomial,
+    with n/2 ± √n/2.
+    """
     ordered, count = np.sort(values), len(values)
     half = 0.5 * TWO_SIDED * np.sqrt(count)
-    low, high = max(0, int(np.floor(0.5 * (count - 1) - half))), min(count - 1, int(np.ceil(0.5 * (count - 1) + half)))
+    low, high = (
+        max(0, int(np.floor(0.5 * (count - 1) - half))),
+        min(count - 1, int(np.ceil(0.5 * (count - 1) + half))),
+    )
     return float(np.median(ordered)), float(ordered[high] - ordered[low]) / (2 * TWO_SIDED)
 
 
 def hidden_deformation(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
-    """What two ellipses hide: the change of the residual profiles between the epochs, with its standard deviation.
+    """What two ellipses hide: the change of the residual profiles between the epochs, with its
+    standard deviation.
 
-    first, second : of :func:`residual_profile` for the same directions. What stands in both epochs, such as a cable tray or a
-    joint, drops out. Columns `angle_deg`, `hidden_mm`, `standard_deviation_mm`; NaN in a gap of either epoch.
+    first, second : of :func:`residual_profile` for the same directions. What stands in both epochs,
+        such as a cable tray or a
+    joint, drops out. Columns `angle_deg`, `hidden_mm`, `standard_deviation_mm`; NaN in a gap of
+    either epoch.
     """
     if not np.array_equal(first["angle_deg"], second["angle_deg"]):
-        raise ValueError("second: expected a profile for the directions of the first, got other ones")
+        raise ValueError(
+            "second: expected a profile for the directions of the first, got other ones"
+        )
     return pd.DataFrame(
         {
             "angle_deg": first["angle_deg"],
             "hidden_mm": second["residual_mm"] - first["residual_mm"],
-            "standard_deviation_mm": np.hypot(first["standard_deviation_mm"], second["standard_deviation_mm"]),
+            "standard_deviation_mm": np.hypot(
+                first["standard_deviation_mm"], second["standard_deviation_mm"]
+            ),
         }
     )
 

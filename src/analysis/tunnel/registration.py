@@ -1,9 +1,10 @@
-"""Registration of scanner stations by targets: seven parameters a station, and what their error does to sections.
+"""Registration of scanner stations by targets: seven parameters a station, and what their error
+does to sections.
 
-The targets seen from a station are known in its own frame from the scan and in the project's from the control net.
-All points of a station share the error of its registration, so it does not average out over the points of a section
-(Winiwarter et al. 2021 for two-epoch comparison): the spread of the targets decides.
-Frame of the tunnel (Li et al. 2015): y along it, z up, x to the right.
+The targets seen from a station are known in its own frame from the scan and in the project's from
+the control net. All points of a station share the error of its registration, so it does not average
+out over the points of a section (Winiwarter et al. 2021 for two-epoch comparison): the spread of
+the targets decides. Frame of the tunnel (Li et al. 2015): y along it, z up, x to the right.
 
 References
 ----------
@@ -26,8 +27,12 @@ from ..similarity import SMALLEST, Similarity, fit_similarity, thirteen_paramete
 OBSERVED = ["station", "target", "x", "y", "z"]
 CONTROL = ["target", "x", "y", "z"]
 FACTOR = 2.0  # by which distances in the two frames may differ before their units must differ
-MIRRORED = 0.1  # misclosures of the mirrored targets, relative to those of the targets as they are, below which axes are swapped
-VISIBLE = 0.01  # m; targets that misfit less than this are as good as in a plane, and a plane is its own mirror image
+# misclosures of the mirrored targets, relative to those of the targets as they are, below which
+# axes are swapped
+MIRRORED = 0.1
+# m; targets that misfit less than this are as good as in a plane, and a plane is its own mirror
+# image
+VISIBLE = 0.01
 SCALE_LIMIT = 2.0  # standard deviations of the scale from 1
 ARCSECONDS = np.degrees(1.0) * 3600.0
 
@@ -36,7 +41,8 @@ ARCSECONDS = np.degrees(1.0) * 3600.0
 class Station:
     """A registered station: its targets' names, its transformation, and the same with a free scale.
 
-    source, target : (n, 3) coordinates of the targets in the frame of the station and of the project, m
+    source, target : (n, 3) coordinates of the targets in the frame of the station and of the
+        project, m
     """
 
     name: str
@@ -49,11 +55,20 @@ class Station:
     @property
     def rejected(self) -> tuple[str, ...]:
         """Names of the targets that the robust adjustment leaves out."""
-        return tuple(name for name, used in zip(self.targets, self.similarity.inliers, strict=True) if not used)
+        return tuple(
+            name
+            for name, used in zip(self.targets, self.similarity.inliers, strict=True)
+            if not used
+        )
 
 
 def register_stations(
-    observed: pd.DataFrame, control: pd.DataFrame, *, scanner_sd: float, control_sd: float, scale: bool = False
+    observed: pd.DataFrame,
+    control: pd.DataFrame,
+    *,
+    scanner_sd: float,
+    control_sd: float,
+    scale: bool = False,
 ) -> dict[str, Station]:
     """Register every station to the control net, robustly where it has at least four targets.
 
@@ -61,17 +76,20 @@ def register_stations(
     ----------
     observed : columns station, target, x, y, z; targets in the frame of each station, m.
     control : columns target, x, y, z; targets in the frame of the project, m.
-    scanner_sd, control_sd : standard deviation of a coordinate of a target in each, m. They are taken as known: a handful
-        of targets says little about its own precision. :func:`checks` tests them.
-    scale : True estimates a scale a station. Scanner and total station both measure metres: leave it at 1 unless
+    scanner_sd, control_sd : standard deviation of a coordinate of a target in each, m. They are
+        taken as known: a handful of targets says little about its own precision. :func:`checks`
+        tests them.
+    scale : True estimates a scale a station. Scanner and total station both measure metres: leave
+        it at 1 unless
         :func:`checks` says that it is not.
 
-    Returns the stations by name, in the order of ``observed``. Targets that are not in the control net are left out.
-    The control net's errors are common to stations that use the same targets; the covariances of the stations do not hold
-    these common parts.
+    Returns the stations by name, in the order of ``observed``. Targets that are not in the control
+    net are left out. The control net's errors are common to stations that use the same targets; the
+    covariances of the stations do not hold these common parts.
 
-    Raises ``ValueError``, with the station's name, for missing columns, a target that occurs twice, fewer than three
-    targets, targets on a line, other units (millimetres), and swapped axes (mirrored frames).
+    Raises ``ValueError``, with the station's name, for missing columns, a target that occurs twice,
+    fewer than three targets, targets on a line, other units (millimetres), and swapped axes
+    (mirrored frames).
 
     >>> grid = pd.DataFrame({"target": list("abcd"), "x": [0, 2, 0, 2.0], "y": [0, 0, 9, 9.0], "z": [0, 1, 1, 3.0]})
     >>> stations = register_stations(grid.assign(station="S1", y=grid["y"] - 100), grid, scanner_sd=0.002, control_sd=0.001)
@@ -80,10 +98,15 @@ def register_stations(
     """
     _require_columns(observed, OBSERVED, "observed")
     _require_columns(control, CONTROL, "control")
-    for frame, key, name in [(observed, OBSERVED[:2], "observed"), (control, CONTROL[:1], "control")]:
+    for frame, key, name in [
+        (observed, OBSERVED[:2], "observed"),
+        (control, CONTROL[:1], "control"),
+    ]:
         twice = frame.duplicated(key)
         if twice.any():
-            raise ValueError(f"{name}: expected each target once, got {' '.join(map(str, frame.loc[twice, key].iloc[0]))} twice")
+            raise ValueError(
+                f"{name}: expected each target once, got {' '.join(map(str, frame.loc[twice, key].iloc[0]))} twice"
+            )
     errors = {
         "source_cofactors": positive(scanner_sd, "scanner_sd") ** 2,
         "target_cofactors": positive(control_sd, "control_sd") ** 2,
@@ -94,34 +117,55 @@ def register_stations(
     for name in observed["station"].unique():
         mine = pairs[pairs["station"] == name]
         source = finite_array(mine[["x", "y", "z"]].to_numpy(), f"station {name}")
-        target = finite_array(mine[["x_control", "y_control", "z_control"]].to_numpy(), f"station {name}, control")
-        stations[name] = _registered(str(name), tuple(mine["target"].astype(str)), source, target, errors, scale)
+        target = finite_array(
+            mine[["x_control", "y_control", "z_control"]].to_numpy(), f"station {name}, control"
+        )
+        stations[name] = _registered(
+            str(name), tuple(mine["target"].astype(str)), source, target, errors, scale
+        )
     return stations
 
 
-def _registered(name: str, targets: tuple[str, ...], source: np.ndarray, target: np.ndarray, errors: dict, scale: bool) -> Station:
+def _registered(
+    name: str,
+    targets: tuple[str, ...],
+    source: np.ndarray,
+    target: np.ndarray,
+    errors: dict,
+    scale: bool,
+) -> Station:
     if len(targets) < SMALLEST:
-        raise ValueError(f"station {name}: expected at least {SMALLEST} targets of the control net, got {len(targets)}")
+        raise ValueError(
+            f"station {name}: expected at least {SMALLEST} targets of the control net, got {len(targets)}"
+        )
     _require_same_unit(name, source, target)
     options = {**errors, "robust": len(targets) > SMALLEST}
     try:
         _require_same_hand(name, source, target)
-        fits = {free: fit_similarity(source, target, scale=free, **options) for free in (scale, True)}
+        fits = {
+            free: fit_similarity(source, target, scale=free, **options) for free in (scale, True)
+        }
     except ValueError as error:
         message = str(error)
-        raise ValueError(message if message.startswith("station") else f"station {name}: {message}") from None
+        raise ValueError(
+            message if message.startswith("station") else f"station {name}: {message}"
+        ) from None
     return Station(name, targets, source, target, fits[scale], fits[True])
 
 
 def _require_columns(frame: pd.DataFrame, columns: list[str], name: str) -> None:
     missing = [column for column in columns if column not in frame]
     if missing:
-        raise ValueError(f"{name}: expected columns {', '.join(columns)}; {', '.join(missing)} missing")
+        raise ValueError(
+            f"{name}: expected columns {', '.join(columns)}; {', '.join(missing)} missing"
+        )
 
 
 def _require_same_unit(name: str, source: np.ndarray, target: np.ndarray) -> None:
     first, second = np.triu_indices(len(source), 1)
-    lengths = [np.linalg.norm(points[first] - points[second], axis=-1) for points in (source, target)]
+    lengths = [
+        np.linalg.norm(points[first] - points[second], axis=-1) for points in (source, target)
+    ]
     # The median, because a wrong pair spoils only its own distances.
     ratio = np.median(lengths[0] / np.maximum(lengths[1], np.finfo(float).tiny))
     if not 1 / FACTOR < ratio < FACTOR:
@@ -150,7 +194,9 @@ def _misclosure(source: np.ndarray, target: np.ndarray) -> float:
 
 
 def residual_table(stations: dict[str, Station]) -> pd.DataFrame:
-    """Misclosures of all targets: station, target, ``dx_mm dy_mm dz_mm d_mm`` (control net less transformed), ``weight``, ``in_use``."""
+    """Misclosures of all targets: station, target, ``dx_mm dy_mm dz_mm d_mm`` (control net less
+    transformed), ``weight``, ``in_use``.
+    """
     parts = []
     for station in stations.values():
         r = 1e3 * station.similarity.residuals
@@ -172,11 +218,13 @@ def residual_table(stations: dict[str, Station]) -> pd.DataFrame:
 def station_table(stations: dict[str, Station], wall: float = 2.7) -> pd.DataFrame:
     """Accuracy of each station.
 
-    Columns: ``station``, ``targets``, ``in_use``; ``sigma_0``, 1 where the standard deviations given are right;
-    ``sd_position_mm`` at the centroid of the targets, root of the sum of the variances; ``rot_x_arcsec``, ``rot_y_arcsec``,
-    ``rot_z_arcsec``, standard deviations of the rotations about the axes of the project; ``roll_arcsec``, that of the
-    rotation that is worst known, and ``wall_mm``, what it does at ``wall`` m from its axis; ``scale_ppm``,
-    ``scale_sd_ppm`` and ``scale_test`` of the scale estimated freely: its distance from 1 and that in standard deviations.
+    Columns: ``station``, ``targets``, ``in_use``; ``sigma_0``, 1 where the standard deviations
+    given are right; ``sd_position_mm`` at the centroid of the targets, root of the sum of the
+    variances; ``rot_x_arcsec``, ``rot_y_arcsec``, ``rot_z_arcsec``, standard deviations of the
+    rotations about the axes of the project; ``roll_arcsec``, that of the rotation that is worst
+    known, and ``wall_mm``, what it does at ``wall`` m from its axis; ``scale_ppm``,
+    ``scale_sd_ppm`` and ``scale_test`` of the scale estimated freely: its distance from 1 and that
+    in standard deviations.
     """
     rows = []
     for station in stations.values():
@@ -190,7 +238,10 @@ def station_table(stations: dict[str, Station], wall: float = 2.7) -> pd.DataFra
                 "in_use": int(np.count_nonzero(station.similarity.inliers)),
                 "sigma_0": float(station.similarity.sigma_0),
                 "sd_position_mm": 1e3 * np.sqrt(np.trace(covariance[:3, :3])),
-                **{f"rot_{axis}_arcsec": ARCSECONDS * np.sqrt(turns[k, k]) for k, axis in enumerate("xyz")},
+                **{
+                    f"rot_{axis}_arcsec": ARCSECONDS * np.sqrt(turns[k, k])
+                    for k, axis in enumerate("xyz")
+                },
                 "roll_arcsec": ARCSECONDS * roll,
                 "wall_mm": 1e3 * wall * roll,
                 "scale_ppm": 1e6 * (float(station.free_scale.scale) - 1.0),
@@ -201,29 +252,42 @@ def station_table(stations: dict[str, Station], wall: float = 2.7) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
-def checks(stations: dict[str, Station], *, wall: float = 2.7, wall_limit: float = 0.002, error: float = 0.01) -> list[str]:
+def checks(
+    stations: dict[str, Station],
+    *,
+    wall: float = 2.7,
+    wall_limit: float = 0.002,
+    error: float = 0.01,
+) -> list[str]:
     """What a surveyor should know before going on, a sentence each; none where all is well.
 
-    Wrong targets by name; three targets, of which a wrong one cannot be told; misclosures larger than the standard deviations
-    given allow (χ² test at ``error``); a scale that differs from 1 by more than two standard deviations; a rotation so
-    weakly determined that it moves the wall, ``wall`` m from its axis, by a standard deviation above ``wall_limit`` m.
+    Wrong targets by name; three targets, of which a wrong one cannot be told; misclosures larger
+    than the standard deviations given allow (χ² test at ``error``); a scale that differs from 1 by
+    more than two standard deviations; a rotation so weakly determined that it moves the wall,
+    ``wall`` m from its axis, by a standard deviation above ``wall_limit`` m.
     """
     found = []
     for name, station in stations.items():
         fit = station.similarity
         for target, r, used in zip(station.targets, fit.residuals, fit.inliers, strict=True):
             if not used:
-                found.append(f"station {name}: target {target} does not fit the others, by {np.linalg.norm(r):.4f} m; it is not used")
+                found.append(
+                    f"station {name}: target {target} does not fit the others, by {np.linalg.norm(r):.4f} m; it is not used"
+                )
         if len(station.targets) == SMALLEST:
             found.append(f"station {name}: with three targets a wrong one cannot be found")
         if not fit.converged:
             found.append(f"station {name}: {fit.stop_reason}")
         redundancy = int(fit.redundancy)
         if redundancy * fit.sigma_0**2 > chi2.isf(error, redundancy):
-            found.append(f"station {name}: misclosures are {fit.sigma_0:.2f} times what the standard deviations given allow")
+            found.append(
+                f"station {name}: misclosures are {fit.sigma_0:.2f} times what the standard deviations given allow"
+            )
         if station.free_scale.scale_test > SCALE_LIMIT:
             scale, test = station.free_scale.scale, station.free_scale.scale_test
-            found.append(f"station {name}: its scale differs from 1 by {1e6 * (scale - 1):.0f} ppm, {test:.1f} standard deviations")
+            found.append(
+                f"station {name}: its scale differs from 1 by {1e6 * (scale - 1):.0f} ppm, {test:.1f} standard deviations"
+            )
         roll = np.sqrt(np.linalg.eigvalsh(fit.central_cofactor[3:6, 3:6])[-1])
         if roll * wall > wall_limit:
             found.append(
@@ -237,11 +301,13 @@ def checks(stations: dict[str, Station], *, wall: float = 2.7, wall_limit: float
 
 
 def section_errors(similarity: Similarity, points, normals) -> np.ndarray:
-    """What a station's registration error does to the points of a section along their normals, (n, 7) in m.
+    """What a station's registration error does to the points of a section along their normals, (n,
+    7) in m.
 
-    Column k holds the shifts of all points by one standard deviation of one of seven independent sources of error, so
-    ``G`` gives the n × n covariance ``G Gᵀ`` without writing it down. A quantity ``h = a·δ`` of the section (a mean, an
-    axis of an ellipse) has the variance ``|aᵀG|²`` from registration, which does not fall with the number of points.
+    Column k holds the shifts of all points by one standard deviation of one of seven independent
+    sources of error, so ``G`` gives the n × n covariance ``G Gᵀ`` without writing it down. A
+    quantity ``h = a·δ`` of the section (a mean, an axis of an ellipse) has the variance ``|aᵀG|²``
+    from registration, which does not fall with the number of points.
 
     Parameters
     ----------
@@ -249,7 +315,8 @@ def section_errors(similarity: Similarity, points, normals) -> np.ndarray:
     points : (n, 3) in the frame of the station, m.
     normals : (n, 3) unit normals in the frame of the project.
 
-    Source: propagation of the parameters' covariance, as in Li et al. 2015; common to all points (Winiwarter et al. 2021).
+    Source: propagation of the parameters' covariance, as in Li et al. 2015; common to all points
+    (Winiwarter et al. 2021).
 
     >>> x = np.array([[3.0, 0, 0], [-3, 0, 0], [0, 9, 0], [0, 0, 3]])
     >>> station = fit_similarity(x, x + [0, 50, 0], scale=False, target_cofactors=0.001**2, absolute=True)
@@ -260,16 +327,22 @@ def section_errors(similarity: Similarity, points, normals) -> np.ndarray:
     """
     points, normals = finite_array(points, "points"), finite_array(normals, "normals")
     if points.shape != normals.shape or points.ndim != 2 or points.shape[-1] != 3:
-        raise ValueError(f"points, normals: expected the same shape (n, 3), got {points.shape} and {normals.shape}")
+        raise ValueError(
+            f"points, normals: expected the same shape (n, 3), got {points.shape} and {normals.shape}"
+        )
     return np.einsum("ni,nik->nk", normals, similarity.common_errors(points))
 
 
-def check_points(derived, surveyed, *, surveyed_sd: float = 0.0, confidence: float = 0.95) -> pd.DataFrame:
+def check_points(
+    derived, surveyed, *, surveyed_sd: float = 0.0, confidence: float = 0.95
+) -> pd.DataFrame:
     """Scanned check points against the total station, by coordinate, and as points.
 
-        m_x = √(Σ Δx²/n),   m_P = √(m_x² + m_y² + m_z²)                              (Li et al. 2015)
+        m_x = √(Σ Δx²/n),   m_P = √(m_x² + m_y² + m_z²)                              (Li et al.
+        2015)
 
-    Beside these root mean squares: what is systematic in them and what is not, and how well n points tell.
+    Beside these root mean squares: what is systematic in them and what is not, and how well n
+    points tell.
 
     Parameters
     ----------
@@ -277,17 +350,25 @@ def check_points(derived, surveyed, *, surveyed_sd: float = 0.0, confidence: flo
     surveyed_sd : standard deviation of a surveyed coordinate, m; its variance is not the scanner's.
     confidence : of the interval of m.
 
-    Columns: ``coordinate`` (x, y, z, point); ``bias_mm``, the mean; ``sd_mm`` about it; ``m_mm``; ``low_mm`` and ``high_mm``, the
-    χ² interval of m if there is no bias (of the point: if the coordinates are equally precise); ``scanner_mm``, m less the part
-    of the total station, 0 where m is smaller than that.
+    Columns: ``coordinate`` (x, y, z, point); ``bias_mm``, the mean; ``sd_mm`` about it; ``m_mm``;
+    ``low_mm`` and ``high_mm``, the χ² interval of m if there is no bias (of the point: if the
+    coordinates are equally precise); ``scanner_mm``, m less the part of the total station, 0 where
+    m is smaller than that.
 
     >>> table = check_points([[1, 2, 3.003], [1, 4, 2.999], [0, 0, 0.001]], [[1, 2, 3], [1, 4, 3], [0, 0, 0]])
     >>> table["bias_mm"].round(6).tolist()
     [0.0, 0.0, 1.0, 1.0]
     """
     derived, surveyed = finite_array(derived, "derived"), finite_array(surveyed, "surveyed")
-    if derived.shape != surveyed.shape or derived.ndim != 2 or derived.shape[-1] != 3 or len(derived) < 2:
-        raise ValueError(f"derived, surveyed: expected the same shape (n, 3) with n ≥ 2, got {derived.shape} and {surveyed.shape}")
+    if (
+        derived.shape != surveyed.shape
+        or derived.ndim != 2
+        or derived.shape[-1] != 3
+        or len(derived) < 2
+    ):
+        raise ValueError(
+            f"derived, surveyed: expected the same shape (n, 3) with n ≥ 2, got {derived.shape} and {surveyed.shape}"
+        )
     n = len(derived)
     difference = 1e3 * (derived - surveyed)
     bias, squares = difference.mean(axis=0), _with_point(np.mean(difference**2, axis=0))
@@ -301,7 +382,9 @@ def check_points(derived, surveyed, *, surveyed_sd: float = 0.0, confidence: flo
             "m_mm": np.sqrt(squares),
             "low_mm": np.sqrt(squares * freedom / chi2.isf(tail, freedom)),
             "high_mm": np.sqrt(squares * freedom / chi2.ppf(tail, freedom)),
-            "scanner_mm": np.sqrt(np.maximum(squares - coordinates * (1e3 * surveyed_sd) ** 2, 0.0)),
+            "scanner_mm": np.sqrt(
+                np.maximum(squares - coordinates * (1e3 * surveyed_sd) ** 2, 0.0)
+            ),
         }
     )
 
@@ -314,27 +397,41 @@ def _with_point(squares: np.ndarray) -> np.ndarray:
 # --------------------------------------------------------------------------------- two studies
 
 
-def start_study(trials: int, seed: int, *, step: float = 30.0, targets: int = 5, sd: float = 0.002) -> pd.DataFrame:
-    """How often the model with thirteen parameters finds the rotation from R = I, and from the solution by SVD.
+def start_study(
+    trials: int, seed: int, *, step: float = 30.0, targets: int = 5, sd: float = 0.002
+) -> pd.DataFrame:
+    """How often the model with thirteen parameters finds the rotation from R = I, and from the
+    solution by SVD.
 
-    In each class of rotation angles, ``step`` degrees wide, random axes and angles turn ``targets`` places in a box of
-    6 × 20 × 4 m; their errors have the standard deviation ``sd`` m. "Found" is a rotation within 1e-9 of that by SVD.
+    In each class of rotation angles, ``step`` degrees wide, random axes and angles turn ``targets``
+    places in a box of 6 × 20 × 4 m; their errors have the standard deviation ``sd`` m. "Found" is a
+    rotation within 1e-9 of that by SVD.
 
-    Columns: ``from_deg``, ``to_deg``; ``found_from_identity_percent``; ``wrong_but_converged_percent``, ended at another place
-    with every sign of success; of these ``wrong_but_proper_percent``, with a determinant of +1, and
-    ``wrong_with_negative_scale_percent``, where μ < 0 gives it away; ``not_converged_percent``; ``found_from_svd_percent``.
+    Columns: ``from_deg``, ``to_deg``; ``found_from_identity_percent``;
+    ``wrong_but_converged_percent``, ended at another place with every sign of success; of these
+    ``wrong_but_proper_percent``, with a determinant of +1, and
+    ``wrong_with_negative_scale_percent``, where μ < 0 gives it away; ``not_converged_percent``;
+    ``found_from_svd_percent``.
     """
     generator = np.random.default_rng(seed)
     rows = []
     for low in np.arange(0.0, 180.0, step):
         axes = generator.standard_normal((trials, 3))
         angles = np.radians(low + step * generator.uniform(size=(trials, 1)))
-        R = Rotation.from_rotvec(angles * axes / np.linalg.norm(axes, axis=-1, keepdims=True)).as_matrix()
+        R = Rotation.from_rotvec(
+            angles * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
+        ).as_matrix()
         x = (6.0, 20.0, 4.0) * generator.uniform(-0.5, 0.5, size=(trials, targets, 3))
         X = x @ R.swapaxes(-1, -2) + sd * generator.standard_normal(x.shape)
         right = umeyama(x, X)[1]
-        from_identity, from_svd = thirteen_parameters(x, X, start=np.eye(3)), thirteen_parameters(x, X)
-        found, also = (np.abs(one.rotation - right).max(axis=(-1, -2)) < 1e-9 for one in (from_identity, from_svd))
+        from_identity, from_svd = (
+            thirteen_parameters(x, X, start=np.eye(3)),
+            thirteen_parameters(x, X),
+        )
+        found, also = (
+            np.abs(one.rotation - right).max(axis=(-1, -2)) < 1e-9
+            for one in (from_identity, from_svd)
+        )
         wrong = ~found & from_identity.converged
         shares = {
             "found_from_identity": found,
@@ -344,16 +441,24 @@ def start_study(trials: int, seed: int, *, step: float = 30.0, targets: int = 5,
             "not_converged": ~from_identity.converged & ~found,
             "found_from_svd": also,
         }
-        rows.append({"from_deg": low, "to_deg": low + step, **{f"{name}_percent": 100 * values.mean() for name, values in shares.items()}})
+        rows.append(
+            {
+                "from_deg": low,
+                "to_deg": low + step,
+                **{f"{name}_percent": 100 * values.mean() for name, values in shares.items()},
+            }
+        )
     return pd.DataFrame(rows)
 
 
-def spread_study(half_widths, *, targets: int = 4, length: float = 20.0, sd: float = 0.002, wall: float = 2.7) -> pd.DataFrame:
+def spread_study(
+    half_widths, *, targets: int = 4, length: float = 20.0, sd: float = 0.002, wall: float = 2.7
+) -> pd.DataFrame:
     """Roll about the tunnel's axis by how far to the sides the targets stand.
 
-    ``targets`` stand along the axis at equal distances over ``length`` m, by turns ``half_width`` m to the left and to the right
-    of it; a misclosure has the standard deviation ``sd`` m a coordinate. Columns: ``half_width_m``, ``roll_arcsec``, ``wall_mm``
-    at ``wall`` m from the axis.
+    ``targets`` stand along the axis at equal distances over ``length`` m, by turns ``half_width`` m
+    to the left and to the right of it; a misclosure has the standard deviation ``sd`` m a
+    coordinate. Columns: ``half_width_m``, ``roll_arcsec``, ``wall_mm`` at ``wall`` m from the axis.
     """
     rows = []
     for half_width in half_widths:
@@ -362,5 +467,11 @@ def spread_study(half_widths, *, targets: int = 4, length: float = 20.0, sd: flo
         x = np.column_stack([side, along, np.zeros(targets)])
         fit = fit_similarity(x, x, scale=False, target_cofactors=sd**2, absolute=True)
         roll = float(np.sqrt(fit.central_cofactor[4, 4]))
-        rows.append({"half_width_m": half_width, "roll_arcsec": ARCSECONDS * roll, "wall_mm": 1e3 * wall * roll})
+        rows.append(
+            {
+                "half_width_m": half_width,
+                "roll_arcsec": ARCSECONDS * roll,
+                "wall_mm": 1e3 * wall * roll,
+            }
+        )
     return pd.DataFrame(rows)

@@ -1,17 +1,20 @@
-"""Cross-sections normal to a tunnel's axis: cut from the points, projected, and read off in given directions.
+"""Cross-sections normal to a tunnel's axis: cut from the points, projected, and read off in given
+directions.
 
-A section holds the points within half a thickness of the plane through an axis point, normal to the axis. In its frame u
-points right, v up and w along the axis; polar coordinates about the axis point are ρ and α in rad, 0 at the crown,
-positive to the right (clockwise when looking along the axis).
+A section holds the points within half a thickness of the plane through an axis point, normal to the
+axis. In its frame u points right, v up and w along the axis; polar coordinates about the axis point
+are ρ and α in rad, 0 at the crown, positive to the right (clockwise when looking along the axis).
 
-Two readings of the radius in a direction stand side by side. :func:`equal_angles` takes, as printed, in each of three
-sub-planes the one point nearest in angle. :func:`local_radii` adjusts a quadratic to all points of the direction and says how
-precise it is. Neither extrapolates: where the points do not lie on both sides of a direction there is a gap.
+Two readings of the radius in a direction stand side by side. :func:`equal_angles` takes, as
+printed, in each of three sub-planes the one point nearest in angle. :func:`local_radii` adjusts a
+quadratic to all points of the direction and says how precise it is. Neither extrapolates: where the
+points do not lie on both sides of a direction there is a gap.
 
 References
 ----------
-Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point clouds; its equations
-are numbered (1)-(13), but were lost from the text at hand and are reconstructed here from its words.
+Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point
+clouds; its equations are numbered (1)-(13), but were lost from the text at hand and are
+reconstructed here from its words.
 """
 
 from __future__ import annotations
@@ -28,9 +31,11 @@ from .axis import Axis
 
 THICKNESS = 0.05  # m (Li et al. 2015, section 4.2.2)
 STEP = np.radians(1.0)  # between directions; not printed
-DIRECTIONS = np.radians(np.arange(-135, 136))  # the range of Li et al. (2015); the track bed hides the rest
+# the range of Li et al. (2015); the track bed hides the rest
+DIRECTIONS = np.radians(np.arange(-135, 136))
 WIDEST = np.radians(10.0)  # to each side of a direction in which points are looked for
-FEWEST, LEAST_WORTH = 5, 1.0  # points of a local adjustment, and how many single points it must be worth at least
+# points of a local adjustment, and how many single points it must be worth at least
+FEWEST, LEAST_WORTH = 5, 1.0
 ENOUGH, GOOD_WORTH = 8, 2.0  # with these, a neighbourhood need not grow for the sake of precision
 COEFFICIENTS = 3  # of a quadratic
 BISQUARE = Bisquare()
@@ -46,7 +51,8 @@ class Section:
     position : (3,) the axis point, m; right, up, along : (3,) unit vectors of its frame
     thickness : m, of the slab the points are from
     index : (n,) of its points in the cloud
-    u, v, w : (n,) their coordinates in its frame, m; leaving w away is the projection onto its plane
+    u, v, w : (n,) their coordinates in its frame, m; leaving w away is the projection onto its
+        plane
     """
 
     chainage: float
@@ -90,7 +96,8 @@ class Radii:
     sd : its standard deviation, m; NaN where it is not known, as for a single point
     freedom : degrees of freedom of that standard deviation
     count : effective number of points, the variance of a point over that of the radius
-    interpolated : no point lies in the direction's own cell; the radius comes from both of its sides
+    interpolated : no point lies in the direction's own cell; the radius comes from both of its
+        sides
     reach : rad to each side from which points have been used
     """
 
@@ -112,7 +119,8 @@ class Radii:
 
 
 def section_plane(axis: Axis, y: float) -> np.ndarray:
-    """(4,) coefficients (k, 1, k', m) of the section plane ``F = k x + y + k' z + m = 0`` at local y, in the local frame.
+    """(4,) coefficients (k, 1, k', m) of the section plane ``F = k x + y + k' z + m = 0`` at local
+    y, in the local frame.
 
         k = dx/dy,   k' = dz/dy,   m = −(k x_p + y_p + k' z_p)
 
@@ -123,7 +131,8 @@ def section_plane(axis: Axis, y: float) -> np.ndarray:
 
 
 def plane_distances(points, plane) -> np.ndarray:
-    """Signed distances ``F/√(1 + k² + k'²)`` (n,) of points (n, 3) of the local frame; Li et al. (2015), eq. (6).
+    """Signed distances ``F/√(1 + k² + k'²)`` (n,) of points (n, 3) of the local frame; Li et al.
+    (2015), eq. (6).
 
     >>> plane_distances(np.array([[5.0, 3.0, 1.0]]), np.array([0.0, 1.0, 0.0, -1.0]))
     array([2.])
@@ -151,11 +160,13 @@ def project(points, plane) -> np.ndarray:
 
 
 def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Section]:
-    """Sections of ``points`` (n, 3) at ``chainages`` (K,) of the axis, all points within ``thickness``/2 of each plane.
+    """Sections of ``points`` (n, 3) at ``chainages`` (K,) of the axis, all points within
+    ``thickness``/2 of each plane.
 
-    One pass finds foot points, block by block; what lies near a section is sorted once by its foot point and each section
-    takes its points from there by binary search: O(n + m log m), memory for the m points near sections only. A section
-    without points comes back with none. Adjacent sections may share points.
+    One pass finds foot points, block by block; what lies near a section is sorted once by its foot
+    point and each section takes its points from there by binary search: O(n + m log m), memory for
+    the m points near sections only. A section without points comes back with none. Adjacent
+    sections may share points.
 
     Raises ``ValueError`` for chainages beyond the axis, or a thickness that is not positive.
 
@@ -170,13 +181,24 @@ def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Sec
     points = point_array(points, 3, 1, "sections")
     if points.ndim != 2:
         raise ValueError(f"points: expected one cloud of shape (n, 3), got {points.shape}")
-    chainages, thickness = np.atleast_1d(finite_array(chainages, "chainages")), positive(thickness, "thickness")
+    chainages, thickness = (
+        np.atleast_1d(finite_array(chainages, "chainages")),
+        positive(thickness, "thickness"),
+    )
     rounding = 1e-9 * (1.0 + axis.length)
-    if chainages.ndim != 1 or chainages.size == 0 or chainages.min() < -rounding or chainages.max() > axis.length + rounding:
+    if (
+        chainages.ndim != 1
+        or chainages.size == 0
+        or chainages.min() < -rounding
+        or chainages.max() > axis.length + rounding
+    ):
         shown = f"{chainages.min():g} to {chainages.max():g} m" if chainages.size else "none"
-        raise ValueError(f"chainages: expected shape (K,) between 0 and the axis' length of {axis.length:.3f} m, got {shown}")
+        raise ValueError(
+            f"chainages: expected shape (K,) between 0 and the axis' length of {axis.length:.3f} m, got {shown}"
+        )
     y = axis.at_chainage(chainages)
-    # The foot points of a plane's points spread along a curve by up to 1/(1 − κρ): twice the thickness is ample.
+    # The foot points of a plane's points spread along a curve by up to 1/(1 − κρ): twice the
+    # thickness is ample.
     index, feet = _near(points, axis, np.sort(y), thickness)
     right, up, along = axis.frame(y)
     position = axis.position(y)
@@ -188,17 +210,38 @@ def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Sec
         inside = np.abs(w) <= 0.5 * thickness
         offset, chosen, w = offset[inside], chosen[inside], w[inside]
         frame = position[k], right[k], up[k], along[k]
-        sections.append(Section(float(chainages[k]), float(y[k]), *frame, thickness, chosen, offset @ right[k], offset @ up[k], w))
+        sections.append(
+            Section(
+                float(chainages[k]),
+                float(y[k]),
+                *frame,
+                thickness,
+                chosen,
+                offset @ right[k],
+                offset @ up[k],
+                w,
+            )
+        )
     return sections
 
 
-def _near(points: np.ndarray, axis: Axis, y: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the points whose foot point is within ``reach`` of one of ``y`` (ascending), and these foot points, ascending."""
+def _near(
+    points: np.ndarray, axis: Axis, y: np.ndarray, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the points whose foot point is within ``reach`` of one of ``y`` (ascending), and
+    these foot points, ascending.
+    """
     indices, feet = [np.empty(0, dtype=np.int64)], [np.empty(0)]
     for piece in pieces(len(points), 2**20):
         foot = axis.foot(points[piece])
-        after = np.clip(np.searchsorted(y, foot), 1, len(y) - 1) if len(y) > 1 else np.zeros(len(foot), dtype=np.int64)
-        near = np.flatnonzero(np.minimum(np.abs(foot - y[after]), np.abs(foot - y[after - 1])) <= reach)
+        after = (
+            np.clip(np.searchsorted(y, foot), 1, len(y) - 1)
+            if len(y) > 1
+            else np.zeros(len(foot), dtype=np.int64)
+        )
+        near = np.flatnonzero(
+            np.minimum(np.abs(foot - y[after]), np.abs(foot - y[after - 1])) <= reach
+        )
         indices.append(piece.start + near)
         feet.append(foot[near])
     index, feet = np.concatenate(indices), np.concatenate(feet)
@@ -210,14 +253,17 @@ def _near(points: np.ndarray, axis: Axis, y: np.ndarray, reach: float) -> tuple[
 
 
 def equal_angles(section: Section, directions=DIRECTIONS, step: float = STEP) -> Radii:
-    """Radii in given directions as printed: the nearest point in each of three sub-planes, else an interpolated one.
+    """Radii in given directions as printed: the nearest point in each of three sub-planes, else an
+    interpolated one.
 
-    The sub-planes lie at w = −d/2, 0 and d/2; each takes the points within d/4 of it. A direction's point is the one nearest
-    in angle within ``step``/2. Where there is none, a quadratic through the sub-plane's points within ``step``·2 to each side,
-    growing to 10°, with at least 5 points on both sides, is read off; where they are not to be had there is a gap. What is nearest,
-    the width of the sub-planes, the angle and the neighbourhood are not printed.
+    The sub-planes lie at w = −d/2, 0 and d/2; each takes the points within d/4 of it. A direction's
+    point is the one nearest in angle within ``step``/2. Where there is none, a quadratic through
+    the sub-plane's points within ``step``·2 to each side, growing to 10°, with at least 5 points on
+    both sides, is read off; where they are not to be had there is a gap. What is nearest, the width
+    of the sub-planes, the angle and the neighbourhood are not printed.
 
-    Returns :class:`Radii` with arrays (3, J); the standard deviation of a single point is not known.
+    Returns :class:`Radii` with arrays (3, J); the standard deviation of a single point is not
+    known.
 
     Source: Li et al. (2015), section on change detection.
     """
@@ -231,13 +277,15 @@ def equal_angles(section: Section, directions=DIRECTIONS, step: float = STEP) ->
 
 
 def local_radii(section: Section, directions=DIRECTIONS, step: float = STEP) -> Radii:
-    """Radii in given directions by a robust quadratic ``ρ = c₀ + c₁ x + c₂ x²``, x = α − α_j, through the points around each.
+    """Radii in given directions by a robust quadratic ``ρ = c₀ + c₁ x + c₂ x²``, x = α − α_j,
+    through the points around each.
 
-    The points within ``step``/2 of a direction if they are 8 or more, on both sides, and so placed that c₀ is worth 2 of
-    them; else those of the narrowest neighbourhood, growing by half steps to 10°, of which that is true. At 10° 5 points worth 1
-    will do; what is worth less than a single point is extrapolated in all but name, and a gap. Bisquare weights; their scale is
-    common to the section (MAD of the residuals of all directions), so that few points cannot pass for precise by chance.
-    The variance of c₀ comes from the direction's own residuals:
+    The points within ``step``/2 of a direction if they are 8 or more, on both sides, and so placed
+    that c₀ is worth 2 of them; else those of the narrowest neighbourhood, growing by half steps to
+    10°, of which that is true. At 10° 5 points worth 1 will do; what is worth less than a single
+    point is extrapolated in all but name, and a gap. Bisquare weights; their scale is common to the
+    section (MAD of the residuals of all directions), so that few points cannot pass for precise by
+    chance. The variance of c₀ comes from the direction's own residuals:
 
         s² = Σωr²/(κ Σω) · m/(m − 3),   m = Σω/E[ω],   var c₀ = s² (N⁻¹)₀₀ · E[ω]E[ψ²]/E[ψ′]²
 
@@ -263,18 +311,33 @@ def local_radii(section: Section, directions=DIRECTIONS, step: float = STEP) -> 
     equivalent = total / BISQUARE.mean_weight
     freedom = np.maximum(equivalent - COEFFICIENTS, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        variance = local.sums(weights * residuals**2) / (BISQUARE.consistency_factor * total) * equivalent / freedom
-    worth = _worth(N) / (BISQUARE.mean_weight * BISQUARE.mean_psi_squared / BISQUARE.mean_psi_prime**2)
+        variance = (
+            local.sums(weights * residuals**2)
+            / (BISQUARE.consistency_factor * total)
+            * equivalent
+            / freedom
+        )
+    worth = _worth(N) / (
+        BISQUARE.mean_weight * BISQUARE.mean_psi_squared / BISQUARE.mean_psi_prime**2
+    )
     known = (freedom > 0) & (worth >= LEAST_WORTH)
-    radius, sd, freedom = (np.where(known, value, np.nan) for value in (c[:, 0], np.sqrt(variance / worth), freedom))
-    own = np.searchsorted(around[0], directions + 0.5 * step, "right") - np.searchsorted(around[0], directions - 0.5 * step)
-    return Radii(directions, radius, sd, freedom, np.where(known, worth, 0.0), known & (own == 0), reach)
+    radius, sd, freedom = (
+        np.where(known, value, np.nan) for value in (c[:, 0], np.sqrt(variance / worth), freedom)
+    )
+    own = np.searchsorted(around[0], directions + 0.5 * step, "right") - np.searchsorted(
+        around[0], directions - 0.5 * step
+    )
+    return Radii(
+        directions, radius, sd, freedom, np.where(known, worth, 0.0), known & (own == 0), reach
+    )
 
 
 def _directions(directions) -> np.ndarray:
     directions = finite_array(directions, "directions")
     if directions.ndim != 1 or directions.size == 0 or np.abs(directions).max() > np.pi + 1e-9:
-        raise ValueError(f"directions: expected shape (J,) in rad between −π and π, got shape {directions.shape}, {directions}")
+        raise ValueError(
+            f"directions: expected shape (J,) in rad between −π and π, got shape {directions.shape}, {directions}"
+        )
     return directions
 
 
@@ -297,10 +360,14 @@ def _by_angle(alpha: np.ndarray, rho: np.ndarray) -> tuple[np.ndarray, np.ndarra
     )
 
 
-def _reach(around, directions: np.ndarray, step: float, start: float, enough: int, good: float) -> np.ndarray:
-    """(J,) half width of the narrowest neighbourhood with ``enough`` points, on both sides, that is worth ``good`` points.
+def _reach(
+    around, directions: np.ndarray, step: float, start: float, enough: int, good: float
+) -> np.ndarray:
+    """(J,) half width of the narrowest neighbourhood with ``enough`` points, on both sides, that is
+    worth ``good`` points.
 
-    It starts at ``start`` and grows by half steps; at the widest the fewest points and the least worth will do; else NaN.
+    It starts at ``start`` and grows by half steps; at the widest the fewest points and the least
+    worth will do; else NaN.
     """
     reach = np.full(len(directions), np.nan)
     for half in np.append(np.arange(start, WIDEST - 1e-9, 0.5 * step), WIDEST):
@@ -315,8 +382,12 @@ def _reach(around, directions: np.ndarray, step: float, start: float, enough: in
     return reach
 
 
-def _bounds(alpha: np.ndarray, directions: np.ndarray, half) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First point within ``half`` of each direction, the first at or right of it, and one past the last."""
+def _bounds(
+    alpha: np.ndarray, directions: np.ndarray, half
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First point within ``half`` of each direction, the first at or right of it, and one past the
+    last.
+    """
     return (
         np.searchsorted(alpha, directions - half),
         np.searchsorted(alpha, directions),
@@ -347,9 +418,11 @@ def _nearest(around, directions, step) -> tuple[np.ndarray, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Local:
-    """The points of all neighbourhoods one after the other, for adjustments in all directions at once.
+    """The points of all neighbourhoods one after the other, for adjustments in all directions at
+    once.
 
-    owner : (m,) direction of each; powers : (5, m) of its angle from there over the half width; rho : (m,)
+    owner : (m,) direction of each; powers : (5, m) of its angle from there over the half width; rho
+        : (m,)
     directions : their number
     """
 
@@ -367,21 +440,28 @@ class _Local:
         owner = np.repeat(np.arange(len(directions)), counts)
         index = np.arange(len(owner)) + np.repeat(first - np.cumsum(counts) + counts, counts)
         x = (alpha[index] - directions[owner]) / reach[owner]
-        return cls(owner, x ** np.arange(2 * COEFFICIENTS - 1)[:, None], rho[index], len(directions))
+        return cls(
+            owner, x ** np.arange(2 * COEFFICIENTS - 1)[:, None], rho[index], len(directions)
+        )
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """(J,) of values (m,)."""
-        return np.bincount(self.owner, values, minlength=self.directions).astype(float, copy=False)  # whole numbers where there are none
+        # whole numbers where there are none
+        return np.bincount(self.owner, values, minlength=self.directions).astype(float, copy=False)
 
     def adjusted(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Normal matrices (J, 3, 3), quadratics (J, 3) and residuals (m,); NaN where there are no points."""
+        """Normal matrices (J, 3, 3), quadratics (J, 3) and residuals (m,); NaN where there are no
+        points.
+        """
         count = self.sums(np.ones_like(self.rho))
         middle = self.sums(self.rho) / np.where(count > 0, count, np.nan)
         rho = self.rho - middle[self.owner]  # so that little is lost in the sums
         powers = self.powers * weights
         moments = np.array([self.sums(power) for power in powers])
         moments[:, count == 0] = np.nan
-        N = np.moveaxis(moments[np.add.outer(np.arange(COEFFICIENTS), np.arange(COEFFICIENTS))], -1, 0)
+        N = np.moveaxis(
+            moments[np.add.outer(np.arange(COEFFICIENTS), np.arange(COEFFICIENTS))], -1, 0
+        )
         right = np.stack([self.sums(power * rho) for power in powers[:COEFFICIENTS]], axis=-1)
         c = solve(N, right[..., None])[..., 0]
         residuals = rho - np.einsum("km,mk->m", self.powers[:COEFFICIENTS], c[self.owner])
@@ -389,15 +469,21 @@ class _Local:
         return N, c, residuals
 
     def least_absolute(self) -> np.ndarray:
-        """Residuals (m,) of least absolute deviations: least squares with weights 1/|residual|, again and again."""
+        """Residuals (m,) of least absolute deviations: least squares with weights 1/|residual|,
+        again and again.
+        """
         residuals = self.adjusted(np.ones_like(self.rho))[2]
         for _ in range(20):
             residuals = self.adjusted(1.0 / np.maximum(np.abs(residuals), 1e-5))[2]
         return residuals
 
 
-def _bisquare(local: _Local, residuals: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Normal matrices, quadratics, residuals and weights of the M-estimate with a fixed scale, from starting residuals."""
+def _bisquare(
+    local: _Local, residuals: np.ndarray, scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Normal matrices, quadratics, residuals and weights of the M-estimate with a fixed scale, from
+    starting residuals.
+    """
     weights = BISQUARE.weight(residuals / scale)
     for _ in range(50):
         N, c, residuals = local.adjusted(weights)
@@ -408,7 +494,9 @@ def _bisquare(local: _Local, residuals: np.ndarray, scale: float) -> tuple[np.nd
 
 
 def _worth(N: np.ndarray) -> np.ndarray:
-    """(J,) variance of a point over that of c₀: how many points the estimate is worth; 0 where there is none."""
+    """(J,) variance of a point over that of c₀: how many points the estimate is worth; 0 where
+    there is none.
+    """
     first = np.zeros((len(N), COEFFICIENTS, 1))
     first[:, 0] = 1.0
     cofactor = solve(N, first)[:, 0, 0]
@@ -416,7 +504,9 @@ def _worth(N: np.ndarray) -> np.ndarray:
 
 
 def _common_scale(local: _Local, residuals: np.ndarray) -> float:
-    """Standard deviation of a point from the residuals of all directions, less the three smallest of each, which a quadratic can make 0."""
+    """Standard deviation of a point from the residuals of all directions, less the three smallest
+    of each, which a quadratic can make 0.
+    """
     size = np.abs(residuals)
     order = np.lexsort((size, local.owner))
     counts = local.sums(np.ones_like(size)).astype(np.int64)

@@ -1,15 +1,17 @@
-"""What has changed in a section between two epochs: differences of radii, classed as printed and tested for significance.
+"""What has changed in a section between two epochs: differences of radii, classed as printed and
+tested for significance.
 
-Both epochs are read off in the same directions about the same axis, that of the first epoch. A difference is positive where
-the lining has moved outwards.
+Both epochs are read off in the same directions about the same axis, that of the first epoch. A
+difference is positive where the lining has moved outwards.
 
 References
 ----------
-Krishnamoorthy & Yu (2004), Statistics & Probability Letters 66, 161-169 (means of several components, variances unknown).
-Lague, Brodu & Leroux (2013), ISPRS Journal of Photogrammetry and Remote Sensing 82, 10-26 (level of detection).
-Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point clouds.
-Welch (1947), Biometrika 34, 28-35.
-Winiwarter, Anders & Höfle (2021), ISPRS Journal of Photogrammetry and Remote Sensing 178, 240-258 (registration as a covariance).
+Krishnamoorthy & Yu (2004), Statistics & Probability Letters 66, 161-169 (means of several
+components, variances unknown). Lague, Brodu & Leroux (2013), ISPRS Journal of Photogrammetry and
+Remote Sensing 82, 10-26 (level of detection). Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section
+extraction and deformation analysis from laser point clouds. Welch (1947), Biometrika 34, 28-35.
+Winiwarter, Anders & Höfle (2021), ISPRS Journal of Photogrammetry and Remote Sensing 178, 240-258
+(registration as a covariance).
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ SHARE = 0.30  # of a section's directions beyond the first limit; not printed
 LEAST_SEEN = 0.25  # of the directions, for a section to be flagged
 LEVEL = 0.05
 ROUNDING = 1e-9  # m; a standard deviation below is rounding
-SMALLEST_SINGULAR = 1e-6  # of the largest singular value; below, components of a motion are the same in all directions seen
+# of the largest singular value; below, components of a motion are the same in all directions seen
+SMALLEST_SINGULAR = 1e-6
 LARGEST_NORMAL = 37.0  # standard deviations; beyond, probabilities are below the smallest number
 
 
@@ -42,22 +45,27 @@ LARGEST_NORMAL = 37.0  # standard deviations; beyond, probabilities are below th
 
 
 def differences(first: Radii, second: Radii) -> np.ndarray:
-    """``δ_j = ρ_j(second epoch) − ρ_j(first epoch)``, m, of the shape of the radii; NaN where either epoch has a gap.
+    """``δ_j = ρ_j(second epoch) − ρ_j(first epoch)``, m, of the shape of the radii; NaN where
+    either epoch has a gap.
 
     Raises ``ValueError`` when the directions differ.
 
     Source: Li et al. (2015), section on change detection.
     """
-    if first.radius.shape != second.radius.shape or not np.array_equal(first.directions, second.directions):
+    if first.radius.shape != second.radius.shape or not np.array_equal(
+        first.directions, second.directions
+    ):
         raise ValueError(
             f"second: expected radii in the same directions as in the first epoch, got shape {second.radius.shape} "
-            f"beside {first.radius.shape}" + ("" if first.radius.shape != second.radius.shape else " at other angles")
+            f"beside {first.radius.shape}"
+            + ("" if first.radius.shape != second.radius.shape else " at other angles")
         )
     return second.radius - first.radius
 
 
 def classes(delta, limits: Sequence[float] = LIMITS) -> np.ndarray:
-    """Class of each difference: black ``|δ| ≤ 6 mm``, blue ``6 mm < |δ| ≤ 12 mm``, red ``|δ| > 12 mm``, or gap.
+    """Class of each difference: black ``|δ| ≤ 6 mm``, blue ``6 mm < |δ| ≤ 12 mm``, red
+    ``|δ| > 12 mm``, or gap.
 
     The text puts 12 mm exactly into both blue and red; here it is blue.
 
@@ -82,15 +90,19 @@ def share_beyond(delta, limit: float = LIMITS[0]) -> float:
     delta = real_array(delta, "delta")
     seen = ~np.isnan(delta)
     if not seen.any():
-        raise ValueError(f"delta: expected directions that are seen in both epochs, got {delta.size} gaps")
+        raise ValueError(
+            f"delta: expected directions that are seen in both epochs, got {delta.size} gaps"
+        )
     return float(np.mean(np.abs(delta[seen]) > positive(limit, "limit")))
 
 
 def flagged(delta, *, share: float = SHARE, limit: float = LIMITS[0]) -> bool:
-    """Whether a section is to be analysed further: the share of its directions seen that is beyond ``limit`` exceeds ``share``.
+    """Whether a section is to be analysed further: the share of its directions seen that is beyond
+    ``limit`` exceeds ``share``.
 
-    Not where less than a quarter of the directions is seen in both epochs: of a handful the noise of single points makes any
-    share. :func:`significance` knows how little few directions say and tests all sections.
+    Not where less than a quarter of the directions is seen in both epochs: of a handful the noise
+    of single points makes any share. :func:`significance` knows how little few directions say and
+    tests all sections.
 
     Source: Li et al. (2015), section on change detection; the shares are not printed.
 
@@ -117,14 +129,16 @@ def _limits(limits) -> np.ndarray:
 class Significance:
     """Differences of one section with what they are worth; arrays (J,), NaN at gaps.
 
-    The section as a whole is tested twice, at half the level each: for a motion, and for what is left without one.
+    The section as a whole is tested twice, at half the level each: for a motion, and for what is
+    left without one.
 
-    delta : m; sd : its standard deviation with that of the registration, m; freedom : its degrees of freedom
+    delta : m; sd : its standard deviation with that of the registration, m; freedom : its degrees
+        of freedom
     limit : level of detection in each direction by itself, m
     significant : bool, |δ| > limit
     tested : bool, the directions of the tests of the whole section: those that share no points
-    p_motion, p_shape : probabilities of statistics so large without deformation; of the shape 1 for so few directions that
-        any of their differences could be a motion
+    p_motion, p_shape : probabilities of statistics so large without deformation; of the shape 1 for
+        so few directions that any of their differences could be a motion
     level : of significance, of each direction and of the section
     """
 
@@ -140,7 +154,9 @@ class Significance:
 
     @property
     def p_value(self) -> float:
-        """``min(1, 2 min(p_motion, p_shape))``: of a section without deformation at most as often below α as α (Bonferroni)."""
+        """``min(1, 2 min(p_motion, p_shape))``: of a section without deformation at most as often
+        below α as α (Bonferroni).
+        """
         return min(1.0, 2.0 * min(self.p_motion, self.p_shape))
 
     @property
@@ -149,46 +165,58 @@ class Significance:
         return self.p_value < self.level
 
 
-def significance(first: Radii, second: Radii, *, registration=0.0, level: float = LEVEL) -> Significance:
+def significance(
+    first: Radii, second: Radii, *, registration=0.0, level: float = LEVEL
+) -> Significance:
     """Tests differences of radii against the noise of the points and the error of the registration.
 
-    The registration displaces a section as a whole: all of its differences share the error ``aᵀt``, t the shift to the right
-    and up and, where the axis point is the centre of the ring, a = (sin α, cos α); elsewhere, with the slope of the
-    ring, ``a = (sin α, cos α) − (dρ/dα)/ρ · (cos α, −sin α)``. A third element 1 goes with a common error of all radii, as of
-    the scale or of the range. The error does not average out over points or directions:
+    The registration displaces a section as a whole: all of its differences share the error ``aᵀt``,
+    t the shift to the right and up and, where the axis point is the centre of the ring, a = (sin α,
+    cos α); elsewhere, with the slope of the ring,
+    ``a = (sin α, cos α) − (dρ/dα)/ρ · (cos α, −sin α)``. A third element 1 goes with a common error
+    of all radii, as of the scale or of the range. The error does not average out over points or
+    directions:
 
-        σ_j² = s₁²/n₁ + s₂²/n₂ + a_jᵀ Σ a_j,   LoD_j = q_j σ_j,   q_j Student's quantile with Welch's degrees of freedom
+        σ_j² = s₁²/n₁ + s₂²/n₂ + a_jᵀ Σ a_j,   LoD_j = q_j σ_j,   q_j Student's quantile with
+        Welch's degrees of freedom
 
-    (Lague et al. 2013 add the registration error to the standard deviation instead.) A direction by itself is significant
-    when ``|δ_j| > LoD_j``: of J directions without deformation a share of ``level`` is so by chance.
+    (Lague et al. 2013 add the registration error to the standard deviation instead.) A direction by
+    itself is significant when ``|δ_j| > LoD_j``: of J directions without deformation a share of
+    ``level`` is so by chance.
 
-    Whether the section as a whole has changed is asked of m directions that share no points, D the variances of the points' part.
-    A *motion* (of p components, two or, with a common change of the radii, three) looks like a registration error, and must be too
-    large for one:
+    Whether the section as a whole has changed is asked of m directions that share no points, D the
+    variances of the points' part. A *motion* (of p components, two or, with a common change of the
+    radii, three) looks like a registration error, and must be too large for one:
 
-        y = Q̃ᵀW^½δ,   S = Q̃ᵀW^½(D + A Σ Aᵀ)W^½Q̃,   T² = yᵀS⁻¹y,   W^½A = Q̃R̃,   1/w = 1/n₁ + 1/n₂
+        y = Q̃ᵀW^½δ,   S = Q̃ᵀW^½(D + A Σ Aᵀ)W^½Q̃,   T² = yᵀS⁻¹y,   W^½A = Q̃R̃,   1/w = 1/n₁ +
+        1/n₂
 
-    T² is Hotelling's with p components and ν degrees of freedom, ``T²(ν − p + 1)/(νp)`` an F(p, ν − p + 1). The weights come from
-    the numbers of points: variances estimated from few points would choose the directions whose own variance is too small.
-    The *shape* is what no motion explains, however large, so that no registration error can touch it:
+    T² is Hotelling's with p components and ν degrees of freedom, ``T²(ν − p + 1)/(νp)`` an F(p, ν −
+    p + 1). The weights come from the numbers of points: variances estimated from few points would
+    choose the directions whose own variance is too small. The *shape* is what no motion explains,
+    however large, so that no registration error can touch it:
 
         χ² = δᵀD⁻¹(δ − A t̂),   t̂ = (AᵀD⁻¹A)⁻¹AᵀD⁻¹δ,   m − p degrees of freedom,
 
-    each variance enlarged to the normal deviate of the same probability as Student's. The section has changed when either is
-    improbable by half the level, so that both together keep it.
+    each variance enlarged to the normal deviate of the same probability as Student's. The section
+    has changed when either is improbable by half the level, so that both together keep it.
 
     Parameters
     ----------
-    first, second : radii of :func:`analysis.tunnel.sections.local_radii` in the same directions about the same axis.
-    registration : of the second epoch relative to the first: standard deviation of the section's shift in each
-        coordinate, m, or covariance matrix (2, 2) of (right, up) or (3, 3) of (right, up, radius), m².
+    first, second : radii of :func:`analysis.tunnel.sections.local_radii` in the same directions
+        about the same axis.
+    registration : of the second epoch relative to the first: standard deviation of the section's
+        shift in each coordinate, m, or covariance matrix (2, 2) of (right, up) or (3, 3) of (right,
+        up, radius), m².
     level : of significance.
 
     Raises
     ------
-    ValueError : other directions, radii without standard deviations, no direction seen in both epochs, no covariance matrix.
+    ValueError : other directions, radii without standard deviations, no direction seen in both
+        epochs, no covariance matrix.
 
-    Source: Lague et al. (2013), eq. (1), in quadrature; Welch (1947); Winiwarter et al. (2021); Krishnamoorthy & Yu (2004), ν.
+    Source: Lague et al. (2013), eq. (1), in quadrature; Welch (1947); Winiwarter et al. (2021);
+    Krishnamoorthy & Yu (2004), ν.
 
     >>> def radii(r):
     ...     J = np.ones(4)
@@ -200,13 +228,19 @@ def significance(first: Radii, second: Radii, *, registration=0.0, level: float 
     """
     delta = differences(first, second)
     if delta.ndim != 1:
-        raise ValueError(f"first: expected one radius a direction, got shape {delta.shape}; local_radii gives them")
+        raise ValueError(
+            f"first: expected one radius a direction, got shape {delta.shape}; local_radii gives them"
+        )
     level = positive(level, "level")
     seen = ~np.isnan(delta)
     if not seen.any():
-        raise ValueError(f"first, second: expected directions that are seen in both epochs, got {delta.size} gaps")
+        raise ValueError(
+            f"first, second: expected directions that are seen in both epochs, got {delta.size} gaps"
+        )
     if not np.all(np.isfinite((first.sd + second.sd)[seen])):
-        raise ValueError("first, second: expected radii with standard deviations, got some without; local_radii gives them")
+        raise ValueError(
+            "first, second: expected radii with standard deviations, got some without; local_radii gives them"
+        )
     A, Sigma = _common_mode(first.directions, 0.5 * (first.radius + second.radius), registration)
     parts = [np.maximum(epoch.sd, ROUNDING) ** 2 for epoch in (first, second)]
     common = np.einsum("ji,ik,jk->j", A, Sigma, A)
@@ -220,42 +254,60 @@ def significance(first: Radii, second: Radii, *, registration=0.0, level: float 
     root = 1.0 / np.sqrt(1.0 / first.count[tested] + 1.0 / second.count[tested])
     p_motion = _motion(delta[tested], *noise, root, A[tested], Sigma)
     p_shape = _shape(delta[tested], *noise, _basis(A[tested]))
-    return Significance(delta, sd, freedom, limit, seen & (np.abs(delta) > limit), tested, p_motion, p_shape, level)
+    return Significance(
+        delta, sd, freedom, limit, seen & (np.abs(delta) > limit), tested, p_motion, p_shape, level
+    )
 
 
-def _common_mode(directions: np.ndarray, radius: np.ndarray, registration) -> tuple[np.ndarray, np.ndarray]:
+def _common_mode(
+    directions: np.ndarray, radius: np.ndarray, registration
+) -> tuple[np.ndarray, np.ndarray]:
     """A (J, k) and Σ (k, k) of the registration error."""
     Sigma = finite_array(registration, "registration")
     if Sigma.ndim == 0 and Sigma >= 0:
         Sigma = Sigma**2 * np.eye(2)
     if Sigma.shape not in ((2, 2), (3, 3)):
-        raise ValueError(f"registration: expected a standard deviation, or a covariance matrix (2, 2) or (3, 3), got {registration!r}")
-    if not np.allclose(Sigma, Sigma.T, rtol=1e-9, atol=0.0) or np.linalg.eigvalsh(Sigma)[0] < -1e-9 * np.trace(Sigma):
-        raise ValueError(f"registration: expected a symmetric covariance matrix without negative variances, got {registration!r}")
+        raise ValueError(
+            f"registration: expected a standard deviation, or a covariance matrix (2, 2) or (3, 3), got {registration!r}"
+        )
+    if not np.allclose(Sigma, Sigma.T, rtol=1e-9, atol=0.0) or np.linalg.eigvalsh(Sigma)[
+        0
+    ] < -1e-9 * np.trace(Sigma):
+        raise ValueError(
+            f"registration: expected a symmetric covariance matrix without negative variances, got {registration!r}"
+        )
     sine, cosine, turn = np.sin(directions), np.cos(directions), _relative_slope(directions, radius)
     A = np.stack([sine - turn * cosine, cosine + turn * sine, np.ones_like(sine)], axis=-1)
     return A[:, : len(Sigma)], Sigma
 
 
 def _relative_slope(a: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """(dρ/dα)/ρ (J,) of a smooth curve through the radii, because their own slope is noise; 0 for too few to draw a curve through."""
+    """(dρ/dα)/ρ (J,) of a smooth curve through the radii, because their own slope is noise; 0 for
+    too few to draw a curve through.
+    """
     seen = ~np.isnan(radius)
     curve = np.stack([np.ones_like(a), np.sin(a), np.cos(a), np.sin(2 * a), np.cos(2 * a)], axis=-1)
     if np.count_nonzero(seen) < 2 * curve.shape[-1]:
         return np.zeros_like(a)
-    slope = np.stack([np.zeros_like(a), np.cos(a), -np.sin(a), 2 * np.cos(2 * a), -2 * np.sin(2 * a)], axis=-1)
+    slope = np.stack(
+        [np.zeros_like(a), np.cos(a), -np.sin(a), 2 * np.cos(2 * a), -2 * np.sin(2 * a)], axis=-1
+    )
     coefficients = np.linalg.lstsq(curve[seen], radius[seen], rcond=1e-6)[0]
     return slope @ coefficients / np.where(seen, curve @ coefficients, 1.0)
 
 
 def _welch(variances, freedoms, exact) -> np.ndarray:
-    """Welch's degrees of freedom of a sum of two estimated variances and an ``exact`` one; NaN where one is missing."""
+    """Welch's degrees of freedom of a sum of two estimated variances and an ``exact`` one; NaN
+    where one is missing.
+    """
     total = variances[0] + variances[1] + exact
     return total**2 / (variances[0] ** 2 / freedoms[0] + variances[1] ** 2 / freedoms[1])
 
 
 def _disjoint(directions: np.ndarray, reach: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """As many directions as possible whose neighbourhoods do not overlap, by the earliest end first."""
+    """As many directions as possible whose neighbourhoods do not overlap, by the earliest end
+    first.
+    """
     chosen = np.zeros(len(directions), dtype=bool)
     start, end = directions - reach - 1e-9, directions + reach
     free, once_around = -np.inf, np.inf
@@ -273,9 +325,15 @@ def _basis(A: np.ndarray) -> np.ndarray:
 
 
 def _motion(delta, variance, freedom, root, A, Sigma) -> float:
-    """Probability of so large a motion by noise and registration error; ``root`` (m,) of the weights."""
+    """Probability of so large a motion by noise and registration error; ``root`` (m,) of the
+    weights.
+    """
     Q = _basis(root[:, None] * A)
-    y, components, common = Q.T @ (root * delta), Q * (root * np.sqrt(variance))[:, None], Q.T @ (root[:, None] * A)
+    y, components, common = (
+        Q.T @ (root * delta),
+        Q * (root * np.sqrt(variance))[:, None],
+        Q.T @ (root[:, None] * A),
+    )
     S = components.T @ components + common @ Sigma @ common.T
     p = len(S)
     # Of the estimated parts of S, each of rank one, in units of S.
@@ -286,7 +344,9 @@ def _motion(delta, variance, freedom, root, A, Sigma) -> float:
 
 
 def _shape(delta, variance, freedom, basis) -> float:
-    """Probability of so large differences beside any motion, which ``basis`` (m, p) spans. D hangs on what t̂ leaves, so in turn."""
+    """Probability of so large differences beside any motion, which ``basis`` (m, p) spans. D hangs
+    on what t̂ leaves, so in turn.
+    """
     redundancy = len(delta) - basis.shape[1]
     if redundancy == 0:
         return 1.0
@@ -311,14 +371,19 @@ def _enlargement(t: np.ndarray, freedom: np.ndarray) -> np.ndarray:
 # --------------------------------------------------------------------------------- a study
 
 
-def false_alarms(sigmas: Sequence[float] = (0.002, 0.003, 0.005), *, draws: int = 100_000, seed: int = 0) -> pd.DataFrame:
-    """How often the limits of 6 and 12 mm are passed without deformation, by single points of standard deviation σ.
+def false_alarms(
+    sigmas: Sequence[float] = (0.002, 0.003, 0.005), *, draws: int = 100_000, seed: int = 0
+) -> pd.DataFrame:
+    """How often the limits of 6 and 12 mm are passed without deformation, by single points of
+    standard deviation σ.
 
-    Each difference is that of two points: it has the standard deviation √2 σ, and ``P(|δ| > limit) = 2 Φ(−limit/(√2 σ))``.
+    Each difference is that of two points: it has the standard deviation √2 σ, and
+    ``P(|δ| > limit) = 2 Φ(−limit/(√2 σ))``.
 
     Returns
     -------
-    One row a σ and limit: ``sigma_mm``, ``limit_mm``, ``simulated`` and ``theory``, shares, and ``standard_error`` of the simulated.
+    One row a σ and limit: ``sigma_mm``, ``limit_mm``, ``simulated`` and ``theory``, shares, and
+    ``standard_error`` of the simulated.
 
     >>> table = false_alarms((0.002, 0.003, 0.005), draws=10)
     >>> (100 * table["theory"][table["limit_mm"] == 6]).round(1).tolist()

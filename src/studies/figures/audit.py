@@ -33,10 +33,17 @@ WORDS = {  # verdict -> lines of the key
 }
 FARTHEST = 1e3  # half-widths, the end of the axes
 NO_REDRAWS = -400.0  # where a number without redraws stands
-LAYOUT = [["table 1", "table 2", "table 3, sphere I", "table 3, sphere II"], ["ou_liu_2017", "gains", "li_2015", "key"]]
+LAYOUT = [
+    ["table 1", "table 2", "table 3, sphere I", "table 3, sphere II"],
+    ["ou_liu_2017", "gains", "li_2015", "key"],
+]
 LAYOUT += [["ou_liu_2017", "wu_chen_wang", "li_2015", "key"]]
 HEIGHTS = (4.3, 1.75, 2.35)  # inches
-TEXTS = {"ou_liu_2017": "Text on the sphere", "wu_chen_wang": "… claims and settings", "li_2015": "Text on the tunnel"}
+TEXTS = {
+    "ou_liu_2017": "Text on the sphere",
+    "wu_chen_wang": "… claims and settings",
+    "li_2015": "Text on the tunnel",
+}
 SHORT = {  # how the last part of an id is written beside its mark
     "radius_true": "true radius √200 m",
     "n_points": "number of points",
@@ -116,20 +123,32 @@ SHORT = {  # how the last part of an id is written beside its mark
 
 
 def every_number(verdicts: pd.DataFrame) -> None:
-    """Which printed numbers can be believed? Each where it lies among the redraws, or with the bound that it violates.
+    """Which printed numbers can be believed? Each where it lies among the redraws, or with the
+    bound that it violates.
 
-    verdicts : of `audit.verdicts.verdicts`. Left of and right of the median a number is measured in half-widths of the central 95 %:
+    verdicts : of `audit.verdicts.verdicts`. Left of and right of the median a number is measured in
+        half-widths of the central 95 %:
     within ±1 the redraws give it, and a factor beside a cross says how far it violates its bound.
     """
     data = verdicts.assign(half_widths=_half_widths(verdicts))
     data["mark"] = data["verdict"].mask(data["setting"], SETTING)
     in_table = data["place"].str.startswith("table")
     table, _, method = zip(*data["place"].str.rpartition(", ").to_numpy(), strict=True)
-    scanned = data["id"].str.contains("/real_").map({True: "ground scan: σ0 of WTLS, σs", False: "simulation: σ0 of WTLS, σs"})
+    scanned = (
+        data["id"]
+        .str.contains("/real_")
+        .map({True: "ground scan: σ0 of WTLS, σs", False: "simulation: σ0 of WTLS, σs"})
+    )
     data["group"] = pd.Series(method, data.index).where(in_table, scanned)
-    figure, axes = pyplot.subplot_mosaic(LAYOUT, figsize=(9.4, sum(HEIGHTS)), height_ratios=HEIGHTS, layout="constrained")
+    figure, axes = pyplot.subplot_mosaic(
+        LAYOUT, figsize=(9.4, sum(HEIGHTS)), height_ratios=HEIGHTS, layout="constrained"
+    )
     for name in LAYOUT[0]:
-        _panel(axes[name], data[in_table & (pd.Series(table, data.index) == name)], f"Sphere: {name.replace(', sphere ', ', ')}")
+        _panel(
+            axes[name],
+            data[in_table & (pd.Series(table, data.index) == name)],
+            f"Sphere: {name.replace(', sphere ', ', ')}",
+        )
     measured = ~in_table & data["half_widths"].notna()
     _panel(axes["gains"], data[measured], "Text on the plane")
     for paper, title in TEXTS.items():
@@ -141,7 +160,9 @@ def every_number(verdicts: pd.DataFrame) -> None:
 
 
 def _half_widths(verdicts: pd.DataFrame) -> list[float]:
-    """Printed less median, over the distance of the limit of the central 95 % on that side; NaN without redraws."""
+    """Printed less median, over the distance of the limit of the central 95 % on that side; NaN
+    without redraws.
+    """
     found = []
     for line in verdicts.itertuples():
         if np.isnan(line.median):
@@ -154,18 +175,38 @@ def _half_widths(verdicts: pd.DataFrame) -> list[float]:
 
 
 def _panel(ax, data: pd.DataFrame, title: str) -> None:
-    """Numbers beside redraws, a line each, groups separated; what has no redraws stands at the left edge."""
+    """Numbers beside redraws, a line each, groups separated; what has no redraws stands at the left
+    edge.
+    """
     ax.axvspan(-1, 1, color="#E4E4E4", zorder=0)
     ax.axvline(0, color=GREY, lw=0.8)
     labels, y = [], 0.0
     for group, lines in data.groupby("group", sort=False):
-        ax.annotate(group, (0.02, y + 0.3), xycoords=("axes fraction", "data"), fontsize=7, color="#555555", va="center")
+        ax.annotate(
+            group,
+            (0.02, y + 0.3),
+            xycoords=("axes fraction", "data"),
+            fontsize=7,
+            color="#555555",
+            va="center",
+        )
         for line in lines.itertuples():
             y += 1
-            x = NO_REDRAWS if np.isnan(line.half_widths) else np.clip(line.half_widths, -FARTHEST, FARTHEST)
+            x = (
+                NO_REDRAWS
+                if np.isnan(line.half_widths)
+                else np.clip(line.half_widths, -FARTHEST, FARTHEST)
+            )
             _mark(ax, x, y, line.mark)
             if line.verdict == IMPOSSIBLE:
-                ax.annotate(f"×{line.factor:.2g}", (x, y), (6, 0), textcoords="offset points", va="center", fontsize=7)
+                ax.annotate(
+                    f"×{line.factor:.2g}",
+                    (x, y),
+                    (6, 0),
+                    textcoords="offset points",
+                    va="center",
+                    fontsize=7,
+                )
             labels.append((y, SHORT.get(line.id.rpartition("/")[2], line.quantity)))
         y += 0.8
     ax.set_yticks(*zip(*labels, strict=True), fontsize=7)
@@ -216,4 +257,14 @@ def _counts(data: pd.DataFrame) -> dict[str, int]:
 def _mark(ax, x: float, y: float, word: str) -> None:
     colour, marker, size, filled = MARKS[word]
     face = colour if filled else "white"
-    ax.plot(x, y, ls="", marker=marker, color=colour, markersize=size, markerfacecolor=face, markeredgewidth=1.2, clip_on=False)
+    ax.plot(
+        x,
+        y,
+        ls="",
+        marker=marker,
+        color=colour,
+        markersize=size,
+        markerfacecolor=face,
+        markeredgewidth=1.2,
+        clip_on=False,
+    )

@@ -1,4 +1,6 @@
-"""The figures of notebook 06: where the plane simulation took place, what it prints, and how good the methods are."""
+"""The figures of notebook 06: where the plane simulation took place, what it prints, and how good
+the methods are.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,8 @@ MARKS = {
 
 
 def recovery(maps: Mapping[str, pd.DataFrame], setting: tuple[float, float]) -> None:
-    """For each layout, which L and σ can have printed each of the five numbers, and all of them; the ``setting`` (m, m) is marked.
+    """For each layout, which L and σ can have printed each of the five numbers, and all of them;
+    the ``setting`` (m, m) is marked.
 
     maps : layout -> :meth:`plane_recovery.Nodes.compared`.
     """
@@ -61,17 +64,31 @@ def recovery(maps: Mapping[str, pd.DataFrame], setting: tuple[float, float]) -> 
             lower, upper = gridded(f"{name}_lower"), gridded(f"{name}_upper")
             colour, line = LINES[name]
             # Settings whose central 95 % just reach the printed number from above, and from below.
-            ax.contour(*mesh, lower - high, levels=[0.0], colors=colour, linestyles=line, linewidths=1.3)
-            ax.contour(*mesh, upper - low, levels=[0.0], colors=colour, linestyles=line, linewidths=1.3)
+            ax.contour(
+                *mesh, lower - high, levels=[0.0], colors=colour, linestyles=line, linewidths=1.3
+            )
+            ax.contour(
+                *mesh, upper - low, levels=[0.0], colors=colour, linestyles=line, linewidths=1.3
+            )
             misses.append(np.maximum(lower - high, low - upper) / (upper - lower + high - low))
         ax.contourf(*mesh, np.max(misses, axis=0), levels=[-np.inf, 0.0], colors=REGION, zorder=0)
         most = int(frame["inside"].max())
-        words = "all five fit at once" if most == len(FIVE) else f"at most {most} of the 5 fit at once"
+        words = (
+            "all five fit at once" if most == len(FIVE) else f"at most {most} of the 5 fit at once"
+        )
         ax.set_title(f"{layout[0].upper()}{layout[1:]}:\n{words}", fontsize=8.5)
         ax.set_xscale("log")
         ax.set_yscale("log")
         if most == len(FIVE):
-            ax.plot(setting[0], 100.0 * setting[1], marker="+", color=TRUTH, markersize=11, markeredgewidth=1.6, linestyle="none")
+            ax.plot(
+                setting[0],
+                100.0 * setting[1],
+                marker="+",
+                color=TRUTH,
+                markersize=11,
+                markeredgewidth=1.6,
+                linestyle="none",
+            )
     ticks = [0.15, 0.2, 0.3, 0.4]
     axes[0, 0].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes[0, 0].set_yticks([1.6, 2.0, 2.4, 2.8], ["1.6", "2.0", "2.4", "2.8"])
@@ -81,16 +98,36 @@ def recovery(maps: Mapping[str, pd.DataFrame], setting: tuple[float, float]) -> 
         ax.set_xlabel("side L of the patch / m")
     for ax in axes[:, 0]:
         ax.set_ylabel("σ of a coordinate at cos θ = 1 / cm")
-    handles = [Line2D([], [], color=colour, linestyle=line, label=FIVE[name][1]) for name, (colour, line) in LINES.items()]
+    handles = [
+        Line2D([], [], color=colour, linestyle=line, label=FIVE[name][1])
+        for name, (colour, line) in LINES.items()
+    ]
     handles.append(Patch(color=REGION, label="all five fit"))
-    handles.append(Line2D([], [], color=TRUTH, marker="+", markersize=9, linestyle="none", label="L = 0.2 m, σ² = 0.0005 m²"))
-    headed(figure, "Which patch and which noise print the five numbers? (between its two lines each fits)", handles, 4)
+    handles.append(
+        Line2D(
+            [],
+            [],
+            color=TRUTH,
+            marker="+",
+            markersize=9,
+            linestyle="none",
+            label="L = 0.2 m, σ² = 0.0005 m²",
+        )
+    )
+    headed(
+        figure,
+        "Which patch and which noise print the five numbers? (between its two lines each fits)",
+        handles,
+        4,
+    )
     shown = pd.concat([frame.assign(layout=layout) for layout, frame in maps.items()])
     publish(figure, f"{STEM}_recovery", shown[["layout", *shown.columns.drop("layout")]])
 
 
 def experiments(found: NDArray[np.float64], comparison: pd.DataFrame) -> None:
-    """How the five numbers (E, 5) spread over ten-run experiments, with the printed ones; comparison from `plane_study.against_print`."""
+    """How the five numbers (E, 5) spread over ten-run experiments, with the printed ones;
+    comparison from `plane_study.against_print`.
+    """
     figure, axes = new(1, len(FIVE), height=2.9, sharey=True)
     rows = []
     for ax, values, row in zip(axes, found.T, comparison.itertuples(), strict=True):
@@ -98,34 +135,72 @@ def experiments(found: NDArray[np.float64], comparison: pd.DataFrame) -> None:
         counts, edges = np.histogram(values, bins=24)
         ax.stairs(100.0 * counts / len(values), edges, color=colour, fill=True, alpha=0.35)
         ax.stairs(100.0 * counts / len(values), edges, color=colour, linewidth=1.2)
-        ax.axvspan(row.printed - row.half_unit, row.printed + row.half_unit, color=GREY, alpha=0.55, linewidth=0)
+        ax.axvspan(
+            row.printed - row.half_unit,
+            row.printed + row.half_unit,
+            color=GREY,
+            alpha=0.55,
+            linewidth=0,
+        )
         for limit in (row.lower, row.upper):
             ax.axvline(limit, color=TRUTH, linewidth=0.9, linestyle="--")
         ax.set_xlabel(row.label.replace("σ0: WTLS below", "gain over"))
-        rows.append(pd.DataFrame({"quantity": row.quantity, "from": edges[:-1], "to": edges[1:], "percent": 100.0 * counts / len(values)}))
+        rows.append(
+            pd.DataFrame(
+                {
+                    "quantity": row.quantity,
+                    "from": edges[:-1],
+                    "to": edges[1:],
+                    "percent": 100.0 * counts / len(values),
+                }
+            )
+        )
     axes[0].set_ylabel("experiments / %")
     handles = [
         Patch(color=GREY, alpha=0.55, label="what rounds to the printed number"),
-        Line2D([], [], color=TRUTH, linewidth=0.9, linestyle="--", label="central 95 % of the experiments"),
+        Line2D(
+            [],
+            [],
+            color=TRUTH,
+            linewidth=0.9,
+            linestyle="--",
+            label="central 95 % of the experiments",
+        ),
     ]
-    headed(figure, "Does the recovered setting print the paper's numbers? Ten-run experiments", handles, 2)
+    headed(
+        figure,
+        "Does the recovered setting print the paper's numbers? Ten-run experiments",
+        handles,
+        2,
+    )
     publish(figure, f"{STEM}_experiments", pd.concat(rows))
 
 
 def errors(table: pd.DataFrame) -> None:
-    """Bias (mark) and central half (bar) of the errors of a, b and c, for every variant, one row of panels a patch."""
+    """Bias (mark) and central half (bar) of the errors of a, b and c, for every variant, one row of
+    panels a patch.
+    """
     sides, variants = table["side_m"].unique(), list(dict.fromkeys(table["variant"]))
     figure, axes = new(len(sides), len(PARAMETERS), height=0.9 + 2.2 * len(sides), sharey=True)
     for panels, side in zip(axes, sides, strict=True):
         for ax, parameter in zip(panels, PARAMETERS, strict=True):
             ax.axvline(0.0, color=TRUTH, linewidth=0.8)
             for row in table[table["side_m"] == side].itertuples():
-                bias, low, high = (getattr(row, f"{kind}_{parameter}") for kind in ("bias", "low", "high"))
+                bias, low, high = (
+                    getattr(row, f"{kind}_{parameter}") for kind in ("bias", "low", "high")
+                )
                 marker, filled = MARKS[row.variant]
                 colour = PLANE_METHODS[VARIANTS[row.variant].method].colour
                 y = variants.index(row.variant)
                 ax.hlines(y, low, high, color=colour, linewidth=2.2)
-                ax.plot(bias, y, marker=marker, color=colour, markerfacecolor=colour if filled else "white", markersize=6.5)
+                ax.plot(
+                    bias,
+                    y,
+                    marker=marker,
+                    color=colour,
+                    markerfacecolor=colour if filled else "white",
+                    markersize=6.5,
+                )
             ax.grid(axis="y", visible=False)
             ax.set_title(f"{parameter}, L = {side:g} m")
     axes[0, 0].set_yticks(range(len(variants)), [VARIANTS[name].label for name in variants])
@@ -133,7 +208,15 @@ def errors(table: pd.DataFrame) -> None:
     for ax, words in zip(axes[-1], ("error of a", "error of b", "error of c / m"), strict=True):
         ax.set_xlabel(words)
     handles = [
-        Line2D([], [], color=GREY, marker="o", markersize=6.5, linestyle="none", label="bias: what averaging does not remove"),
+        Line2D(
+            [],
+            [],
+            color=GREY,
+            marker="o",
+            markersize=6.5,
+            linestyle="none",
+            label="bias: what averaging does not remove",
+        ),
         Line2D([], [], color=GREY, linewidth=2.2, label="half of the runs lie in here"),
     ]
     headed(figure, "Which method finds the plane? Errors of a single run", handles, 2)
@@ -142,4 +225,7 @@ def errors(table: pd.DataFrame) -> None:
 
 def _printed_limits() -> dict[str, tuple[float, float]]:
     """What rounds to the printed numbers."""
-    return {row.quantity: (row.printed - row.half_unit, row.printed + row.half_unit) for row in printed().itertuples()}
+    return {
+        row.quantity: (row.printed - row.half_unit, row.printed + row.half_unit)
+        for row in printed().itertuples()
+    }

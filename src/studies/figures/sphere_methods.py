@@ -1,4 +1,6 @@
-"""The figures of notebook 02: what each reading of the paper changes, and what the origin of coordinates does."""
+"""The figures of notebook 02: what each reading of the paper changes, and what the origin of
+coordinates does.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ VERDICTS = {
     NOTHING: ("o", "#8C8C8C", False, "does not matter"),
 }
 NONE, FAILED = 2e-4, 5e2  # mm, where "no change" and "no sphere" stand on the logarithmic axis
-# One after the other for the methods in their order: curves that coincide stay readable by the markers inside one another.
+# One after the other for the methods in their order: curves that coincide stay readable by the
+# markers inside one another.
 MARKERS = [
     {"marker": "o", "linestyle": "-", "markersize": 9, "markerfacecolor": "white"},
     {"marker": "v", "linestyle": "-", "markersize": 5},
@@ -40,14 +43,17 @@ TITLES = {"clean": "Without gross errors", "gross": "With five gross errors"}
 
 
 def readings(changes: pd.DataFrame, sd_center: float) -> None:
-    """How far the centre moves from the literal to the other reading of each place, clean and gross side by side.
+    """How far the centre moves from the literal to the other reading of each place, clean and gross
+    side by side.
 
-    Parameters: changes, from :func:`readings.study`, exported as it is; sd_center in m, the standard deviation of
-    the LS centre.
+    Parameters: changes, from :func:`readings.study`, exported as it is; sd_center in m, the
+    standard deviation of the LS centre.
     """
     places = changes.drop_duplicates("reading")
     names = places["reading"].tolist()
-    prefixes = places["equation"].map(lambda equation: "" if equation.startswith("step") else "eq. ")
+    prefixes = places["equation"].map(
+        lambda equation: "" if equation.startswith("step") else "eq. "
+    )
     labels = places["reading"] + "  (" + prefixes + places["equation"] + ")"
     figure, axes = new(1, 2, height=4.4, sharey=True, sharex=True)
     for panel, (cloud, rows) in zip(axes, changes.groupby("cloud", sort=False), strict=True):
@@ -58,9 +64,20 @@ def readings(changes: pd.DataFrame, sd_center: float) -> None:
             marker, colour, filled, _ = VERDICTS[row.matters]
             x = FAILED if pd.isna(row.center_mm) else max(row.center_mm, NONE)
             y = names.index(row.reading)
-            panel.plot(x, y, marker, color=colour, markerfacecolor=colour if filled else "white", markersize=6)
+            panel.plot(
+                x,
+                y,
+                marker,
+                color=colour,
+                markerfacecolor=colour if filled else "white",
+                markersize=6,
+            )
             if row.matters == BREAKDOWN:
-                left = f"{SPHERE_POINTS - row.rejected_other} of {SPHERE_POINTS} left" if row.center_mm > 0 else "no sphere"
+                left = (
+                    f"{SPHERE_POINTS - row.rejected_other} of {SPHERE_POINTS} left"
+                    if row.center_mm > 0
+                    else "no sphere"
+                )
                 side = "left" if row.center_mm > 0 else "right"
                 panel.annotate(f"   {left}   ", (x, y), ha=side, va="center", fontsize=7.5)
         panel.set_title(TITLES[cloud])
@@ -72,13 +89,27 @@ def readings(changes: pd.DataFrame, sd_center: float) -> None:
     axes[0].set_yticks(range(len(names)), labels)
     axes[0].set_ylim(len(names) - 0.4, -1.3)
     for marker, colour, filled, words in VERDICTS.values():
-        axes[0].plot([], [], marker, color=colour, markerfacecolor=colour if filled else "white", markersize=6, label=words)
-    headed(figure, "Which places of the paper, read in another way, give another sphere?", axes[0].get_legend_handles_labels()[0], 4)
+        axes[0].plot(
+            [],
+            [],
+            marker,
+            color=colour,
+            markerfacecolor=colour if filled else "white",
+            markersize=6,
+            label=words,
+        )
+    headed(
+        figure,
+        "Which places of the paper, read in another way, give another sphere?",
+        axes[0].get_legend_handles_labels()[0],
+        4,
+    )
     publish(figure, f"{STEM}_readings", changes)
 
 
 def origin(answers: pd.DataFrame) -> None:
-    """Error of the centre by each method against the shift of the coordinates along x, gross and clean.
+    """Error of the centre by each method against the shift of the coordinates along x, gross and
+    clean.
 
     Parameters: answers, from :func:`origin.study`, exported as it is.
     """
@@ -92,7 +123,10 @@ def origin(answers: pd.DataFrame) -> None:
         panel.set_title(TITLES[cloud])
         panel.set_xscale("symlog", linthresh=1, linscale=0.6)
         panel.set_yscale("log")
-        panel.set_xticks([0, 1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e7], ["0", "1", "10", "100", "10³", "10⁴", "10⁵", "10⁶", "10⁷"])
+        panel.set_xticks(
+            [0, 1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e7],
+            ["0", "1", "10", "100", "10³", "10⁴", "10⁵", "10⁶", "10⁷"],
+        )
         panel.set_xlim(-0.3, 2e7)
         panel.set_xlabel("shift of the points along x / m")
         panel.minorticks_off()
@@ -102,7 +136,12 @@ def origin(answers: pd.DataFrame) -> None:
     axes[0].set_yticks([1, 10, 100, 1e3, 1e4], ["1", "10", "100", "1000", "10 000"])
     axes[1].set_ylim(0.2, 30)
     axes[1].set_yticks([0.2, 0.5, 1, 2, 5, 10, 20], ["0.2", "0.5", "1", "2", "5", "10", "20"])
-    headed(figure, "The same points in other frames: which methods give the same sphere?", axes[0].get_legend_handles_labels()[0], 3)
+    headed(
+        figure,
+        "The same points in other frames: which methods give the same sphere?",
+        axes[0].get_legend_handles_labels()[0],
+        3,
+    )
     publish(figure, f"{STEM}_origin", answers)
 
 
@@ -115,4 +154,11 @@ def _curve(panel, rows: pd.DataFrame, style: dict) -> None:
         last = 1e3 * rows[rows["shift_m"] < first]["center_error_m"].iloc[-1]
         arrow = {"arrowstyle": "-|>", "color": style["color"], "linewidth": 0.8}
         place = {"xytext": (-10, -36), "textcoords": "offset points", "ha": "right"}
-        panel.annotate(f"{label}:\nlost in rounding", (first, last), **place, fontsize=7.5, color=style["color"], arrowprops=arrow)
+        panel.annotate(
+            f"{label}:\nlost in rounding",
+            (first, last),
+            **place,
+            fontsize=7.5,
+            color=style["color"],
+            arrowprops=arrow,
+        )

@@ -1,4 +1,6 @@
-"""The figures of notebook 09: a slab and its section, deformation by direction, classes, alarms, and what an ellipse hides."""
+"""The figures of notebook 09: a slab and its section, deformation by direction, classes, alarms,
+and what an ellipse hides.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ CROWN = ([-90, 0, 90], ["left", "crown", "right"])
 
 
 def projection(one: Compared, epoch: int) -> None:
-    """One slab in one epoch: from the side, before its points are projected, and in the plane of the section; with the fitted ellipse.
+    """One slab in one epoch: from the side, before its points are projected, and in the plane of
+    the section; with the fitted ellipse.
 
     (Figure 4 of Li et al. 2015.)
     """
@@ -41,7 +44,9 @@ def projection(one: Compared, epoch: int) -> None:
     near = np.abs(u) < 1.0  # the crown; the walls would hide it
     side.axvline(0.0, color=CHANGE, linewidth=1.6)
     for of, marker, colour in ((lining, ".", EPOCHS[0]), (~lining, "x", GROSS)):
-        side.plot(1e3 * w[near & of], v[near & of], marker, color=colour, markersize=2.5, rasterized=True)
+        side.plot(
+            1e3 * w[near & of], v[near & of], marker, color=colour, markersize=2.5, rasterized=True
+        )
         plane.plot(u[of], v[of], marker, color=colour, markersize=2.5, rasterized=True)
     plane.plot(*ellipse, color=CHANGE, linewidth=1.2)
     plane.set_aspect("equal")
@@ -54,35 +59,66 @@ def projection(one: Compared, epoch: int) -> None:
     handles = [
         Line2D([], [], color=EPOCHS[0], marker=".", linestyle="none", label="lining"),
         Line2D([], [], color=GROSS, marker="x", linestyle="none", label="anything else"),
-        Line2D([], [], color=CHANGE, label="plane of the section (left), robust ellipse of all points (right)"),
+        Line2D(
+            [],
+            [],
+            color=CHANGE,
+            label="plane of the section (left), robust ellipse of all points (right)",
+        ),
     ]
     headed(figure, f"Which points make the section at {one.section.chainage:g} m?", handles, 3)
-    points = pd.DataFrame({"kind": np.array(NAMES)[codes], "right_m": u, "up_m": v, "along_mm": 1e3 * w})
+    points = pd.DataFrame(
+        {"kind": np.array(NAMES)[codes], "right_m": u, "up_m": v, "along_mm": 1e3 * w}
+    )
     line = pd.DataFrame({"kind": "ellipse", "right_m": ellipse[0], "up_m": ellipse[1]})
     publish(figure, f"{STEM}_projection", pd.concat([points, line]))
 
 
 def polar(of: Sequence[Compared]) -> None:
-    """Outlines of both epochs of sections in one campaign, the change enlarged, above Δρ(α) with its 95 % band and the truth.
+    """Outlines of both epochs of sections in one campaign, the change enlarged, above Δρ(α) with
+    its 95 % band and the truth.
 
     (Figure 5 of Li et al. 2015; below, their table 2 as curves.)
     """
     figure, axes = new(2, len(of), height=5.0, sharey="row", height_ratios=(1.35, 1))
     frames = []
     for (above, below), one in zip(axes.T, of, strict=True):
-        angles, delta, sd = one.change.angles, one.change.difference[0], one.change.standard_deviations[0]
+        angles, delta, sd = (
+            one.change.angles,
+            one.change.difference[0],
+            one.change.standard_deviations[0],
+        )
         degrees, at = np.degrees(angles), int(np.argmax(np.abs(delta)))
         base = np.median(one.change.first[0])
-        first, second = (base + TIMES * (radii[0] - base) for radii in (one.change.first, one.change.second))
+        first, second = (
+            base + TIMES * (radii[0] - base) for radii in (one.change.first, one.change.second)
+        )
         true = first + TIMES * one.truth
         outwards = np.stack([np.sin(angles), np.cos(angles)])
-        above.fill(*np.hstack([first * outwards, (second * outwards)[:, ::-1]]), color="#DDDDDD", linewidth=0)
+        above.fill(
+            *np.hstack([first * outwards, (second * outwards)[:, ::-1]]),
+            color="#DDDDDD",
+            linewidth=0,
+        )
         above.plot(*(first * outwards), color=EPOCHS[0])
         above.plot(*(second * outwards), color=EPOCHS[1])
         above.plot(*(true * outwards), ":", color=TRUE, linewidth=1.8)
-        above.plot(*(np.array([[0.0], second[at : at + 1]])[:, 0] * outwards[:, at : at + 1]), color=CHANGE, linewidth=0.8)
-        above.plot(*(np.array([first[at], second[at]]) * outwards[:, [at]]), color=CHANGE, linewidth=3)
-        above.text(-0.05 * base, 0.1 * base, f"{1e3 * delta[at]:.1f} mm".replace("-", "−"), ha="right", fontsize=8.5, color=CHANGE)
+        above.plot(
+            *(np.array([[0.0], second[at : at + 1]])[:, 0] * outwards[:, at : at + 1]),
+            color=CHANGE,
+            linewidth=0.8,
+        )
+        above.plot(
+            *(np.array([first[at], second[at]]) * outwards[:, [at]]), color=CHANGE, linewidth=3
+        )
+        above.text(
+            -0.05 * base,
+            0.1 * base,
+            f"{1e3 * delta[at]:.1f} mm".replace("-", "−"),
+            ha="right",
+            fontsize=8.5,
+            color=CHANGE,
+        )
         above.set_aspect("equal")
         above.set_title(f"{one.section.chainage:g} m")
         above.set_xticks([])
@@ -92,13 +128,27 @@ def polar(of: Sequence[Compared]) -> None:
             side.set_visible(False)
         half = TO_EITHER_SIDE * sd
         below.axhline(0.0, color=TRUTH, linewidth=0.8)
-        below.fill_between(degrees, 1e3 * (delta - half), 1e3 * (delta + half), color=EPOCHS[1], alpha=0.25, linewidth=0)
+        below.fill_between(
+            degrees,
+            1e3 * (delta - half),
+            1e3 * (delta + half),
+            color=EPOCHS[1],
+            alpha=0.25,
+            linewidth=0,
+        )
         below.plot(degrees, 1e3 * delta, color=EPOCHS[1])
         below.plot(degrees, 1e3 * one.truth, ":", color=TRUE, linewidth=1.8)
         below.set_xticks(*CROWN)
         below.set_xlabel("direction")
-        columns = {"first_m": one.change.first[0], "difference_mm": 1e3 * delta, "sd_mm": 1e3 * sd, "true_mm": 1e3 * one.truth}
-        frames.append(pd.DataFrame({"chainage_m": one.section.chainage, "angle_deg": degrees} | columns))
+        columns = {
+            "first_m": one.change.first[0],
+            "difference_mm": 1e3 * delta,
+            "sd_mm": 1e3 * sd,
+            "true_mm": 1e3 * one.truth,
+        }
+        frames.append(
+            pd.DataFrame({"chainage_m": one.section.chainage, "angle_deg": degrees} | columns)
+        )
     axes[1, 0].set_ylabel("Δρ, positive outwards / mm")
     handles = [
         Line2D([], [], color=EPOCHS[0], label="first epoch"),
@@ -106,7 +156,12 @@ def polar(of: Sequence[Compared]) -> None:
         Line2D([], [], color=CHANGE, linewidth=3, label="largest change"),
         Line2D([], [], color=TRUE, linestyle=":", label="true"),
     ]
-    headed(figure, f"What has happened to the three sections? Above: departures from the circle drawn {TIMES:g} times", handles, 4)
+    headed(
+        figure,
+        f"What has happened to the three sections? Above: departures from the circle drawn {TIMES:g} times",
+        handles,
+        4,
+    )
     publish(figure, f"{STEM}_polar", pd.concat(frames))
 
 
@@ -118,7 +173,9 @@ def classes(points: pd.DataFrame, words: Mapping[float, str]) -> None:
     Drawn where they are in the second epoch, the change enlarged. (Figure 7 of Li et al. 2015.)
     """
     columns = min(3, len(words))
-    figure, axes = new(-(-len(words) // columns), columns, height=5.2, sharex=True, sharey=True, squeeze=False)
+    figure, axes = new(
+        -(-len(words) // columns), columns, height=5.2, sharex=True, sharey=True, squeeze=False
+    )
     for ax in axes.flat[len(words) :]:
         ax.remove()
     for ax, (chainage, title) in zip(axes.flat, words.items(), strict=False):
@@ -131,7 +188,9 @@ def classes(points: pd.DataFrame, words: Mapping[float, str]) -> None:
         for name in CLASSES:
             of = section["class"] == name
             style = {"color": CLASS_COLOURS[name], "markersize": 2.2, "rasterized": True}
-            ax.plot((radii * np.sin(alpha))[of], (radii * np.cos(alpha))[of], CLASS_MARKS[name], **style)
+            ax.plot(
+                (radii * np.sin(alpha))[of], (radii * np.cos(alpha))[of], CLASS_MARKS[name], **style
+            )
             shown.append(f"{100 * of.sum() / seen.sum():.0f} % {name}")
         ax.set_title(title)
         ax.annotate("\n".join(shown), (0.0, -0.3), ha="center", va="center", fontsize=8)
@@ -144,18 +203,48 @@ def classes(points: pd.DataFrame, words: Mapping[float, str]) -> None:
     handles = [Line2D([], [], color=GREY, linewidth=0.6, label="design")]
     for name in CLASSES:
         label = f"{name}: {CLASS_NAMES[name]}"
-        handles.append(Line2D([], [], color=CLASS_COLOURS[name], marker=CLASS_MARKS[name], linestyle="none", label=label))
-    headed(figure, f"Which points have moved beyond 6 and 12 mm? Changes drawn {TIMES:g} times", handles, 4)
+        handles.append(
+            Line2D(
+                [],
+                [],
+                color=CLASS_COLOURS[name],
+                marker=CLASS_MARKS[name],
+                linestyle="none",
+                label=label,
+            )
+        )
+    headed(
+        figure,
+        f"Which points have moved beyond 6 and 12 mm? Changes drawn {TIMES:g} times",
+        handles,
+        4,
+    )
     publish(figure, f"{STEM}_classes", points[points["chainage_m"].isin(list(words))])
 
 
 def alarms(table: pd.DataFrame, words: Mapping[str, str]) -> None:
-    """Share of the campaigns in which a section gives an alarm, by the rule and by the test; words : section -> what has happened there."""
+    """Share of the campaigns in which a section gives an alarm, by the rule and by the test; words
+    : section -> what has happened there.
+    """
     table = table[table["section"] != ALL].set_index("section").loc[list(words)].reset_index()
     figure, ax = new(height=2.9)
     for y, row in enumerate(table.itertuples()):
-        ax.plot([row.flagged_percent, row.changed_percent], [y, y], color="#CCCCCC", linewidth=1.0, zorder=1)
-        ax.plot(row.flagged_percent, y, "s", color=GROSS, markersize=8, markerfacecolor="white", markeredgewidth=1.5)
+        ax.plot(
+            [row.flagged_percent, row.changed_percent],
+            [y, y],
+            color="#CCCCCC",
+            linewidth=1.0,
+            zorder=1,
+        )
+        ax.plot(
+            row.flagged_percent,
+            y,
+            "s",
+            color=GROSS,
+            markersize=8,
+            markerfacecolor="white",
+            markeredgewidth=1.5,
+        )
         ax.plot(row.changed_percent, y, "o", color=SHAPE, markersize=5)
     ax.axvline(5.0, color=TRUTH, linestyle=":", linewidth=1.0)
     ax.set_yticks(range(len(table)), [f"{section}: {what}" for section, what in words.items()])
@@ -165,7 +254,16 @@ def alarms(table: pd.DataFrame, words: Mapping[str, str]) -> None:
     ax.set_xlabel("campaigns in which the section gives an alarm / %")
     rule, test = "rule: over 30 % of the directions beyond 6 mm", "test of significance"
     handles = [
-        Line2D([], [], color=GROSS, marker="s", markersize=8, markerfacecolor="white", linestyle="none", label=rule),
+        Line2D(
+            [],
+            [],
+            color=GROSS,
+            marker="s",
+            markersize=8,
+            markerfacecolor="white",
+            linestyle="none",
+            label=rule,
+        ),
         Line2D([], [], color=SHAPE, marker="o", markersize=5, linestyle="none", label=test),
         Line2D([], [], color=TRUTH, linestyle=":", linewidth=1.0, label="its 5 %"),
     ]
@@ -174,39 +272,77 @@ def alarms(table: pd.DataFrame, words: Mapping[str, str]) -> None:
 
 
 def hidden(table: pd.DataFrame) -> None:
-    """A dent as two ellipses see it, as their residuals see it, and as it is; table from :func:`section_study.hidden`."""
+    """A dent as two ellipses see it, as their residuals see it, and as it is; table from
+    :func:`section_study.hidden`.
+    """
     figure, ax = new(height=3.2)
     degrees = table["angle_deg"]
     half = TO_EITHER_SIDE * np.hypot(table["ellipse_sd_mm"], table["hidden_sd_mm"])
     ax.axhline(0.0, color=GREY, linewidth=0.8)
-    ax.fill_between(degrees, table["together_mm"] - half, table["together_mm"] + half, color=SHAPE, alpha=0.2, linewidth=0)
+    ax.fill_between(
+        degrees,
+        table["together_mm"] - half,
+        table["together_mm"] + half,
+        color=SHAPE,
+        alpha=0.2,
+        linewidth=0,
+    )
     ax.plot(degrees, table["ellipse_mm"], "--", color=RIGID, label="ellipses alone")
-    ax.plot(degrees, table["together_mm"], color=SHAPE, label="ellipses and what they leave as residuals, 95 % band")
+    ax.plot(
+        degrees,
+        table["together_mm"],
+        color=SHAPE,
+        label="ellipses and what they leave as residuals, 95 % band",
+    )
     ax.plot(degrees, table["true_mm"], ":", color=TRUE, linewidth=1.8, label="true")
-    ax.set_xticks([-135, -90, -45, 0, 40, 90, 135], ["−135°", "left", "−45°", "crown", "40°", "right", "135°"])
+    ax.set_xticks(
+        [-135, -90, -45, 0, 40, 90, 135], ["−135°", "left", "−45°", "crown", "40°", "right", "135°"]
+    )
     ax.set_xlim(-137, 137)
     ax.set_ylim(-19, 9)
     ax.set_xlabel("direction")
     ax.set_ylabel("Δρ, positive outwards / mm")
-    headed(figure, "What does an ellipse hide? A local dent, which it takes for gross errors", ax.get_legend_handles_labels()[0], 3)
+    headed(
+        figure,
+        "What does an ellipse hide? A local dent, which it takes for gross errors",
+        ax.get_legend_handles_labels()[0],
+        3,
+    )
     publish(figure, f"{STEM}_hidden", table)
 
 
 def parts(tables: Mapping[str, pd.DataFrame]) -> None:
-    """Δρ of sections divided into a motion of the ring and a change of shape; title -> table from :func:`section_study.shares`."""
+    """Δρ of sections divided into a motion of the ring and a change of shape; title -> table from
+    :func:`section_study.shares`.
+    """
     figure, axes = new(1, len(tables), height=3.1, sharey=True)
-    styles = {"rigid": (RIGID, "--", "motion of the ring as a whole"), "shape": (SHAPE, "-", "change of shape and size")}
+    styles = {
+        "rigid": (RIGID, "--", "motion of the ring as a whole"),
+        "shape": (SHAPE, "-", "change of shape and size"),
+    }
     for ax, (title, table) in zip(axes, tables.items(), strict=True):
         ax.axhline(0.0, color=GREY, linewidth=0.8)
         for name, (colour, line, words) in styles.items():
             ax.plot(table["angle_deg"], table[f"{name}_mm"], line, color=colour, label=words)
-            ax.plot(table["angle_deg"], table[f"true_{name}_mm"], ":", color=TRUE, linewidth=1.6, label="each as it is")
+            ax.plot(
+                table["angle_deg"],
+                table[f"true_{name}_mm"],
+                ":",
+                color=TRUE,
+                linewidth=1.6,
+                label="each as it is",
+            )
         ax.set_title(title)
         ax.set_xticks(*CROWN)
         ax.set_xlabel("direction")
     axes[0].set_ylabel("Δρ, positive outwards / mm")
     handles, labels = axes[0].get_legend_handles_labels()
-    headed(figure, "Has the ring moved, or has its shape changed?", dict(zip(labels, handles, strict=True)).values(), 3)
+    headed(
+        figure,
+        "Has the ring moved, or has its shape changed?",
+        dict(zip(labels, handles, strict=True)).values(),
+        3,
+    )
     publish(figure, f"{STEM}_parts", pd.concat(tables.values()))
 
 
@@ -221,8 +357,19 @@ def ellipsoid(study: pd.DataFrame) -> None:
     for (tilt, n), rows in study.groupby(["tilt_deg", "points"]):
         marker, line, colour = lines[tilt]
         face = colour if n == study["points"].max() else "white"
-        style = {"color": colour, "marker": marker, "linestyle": line, "markerfacecolor": face, "markersize": 6 if tilt else 4.5}
-        handles += left.plot(rows["slope_limit"], 100 * rows["imaginary"], label=f"ellipse tilted by {tilt:g}°, {n} points", **style)
+        style = {
+            "color": colour,
+            "marker": marker,
+            "linestyle": line,
+            "markerfacecolor": face,
+            "markersize": 6 if tilt else 4.5,
+        }
+        handles += left.plot(
+            rows["slope_limit"],
+            100 * rows["imaginary"],
+            label=f"ellipse tilted by {tilt:g}°, {n} points",
+            **style,
+        )
         right.plot(rows["slope_limit"], rows["lambda2_median_m"], **style)
     left.set_ylim(0, 60)
     left.set_ylabel("no real ellipsoid / %")
@@ -234,7 +381,10 @@ def ellipsoid(study: pd.DataFrame) -> None:
     right.set_title("What does it give otherwise?")
     for ax in (left, right):
         ax.set_xscale("log")
-        ax.set_xticks(study["slope_limit"].unique(), [f"{1000 * limit:g}" for limit in study["slope_limit"].unique()])
+        ax.set_xticks(
+            study["slope_limit"].unique(),
+            [f"{1000 * limit:g}" for limit in study["slope_limit"].unique()],
+        )
         ax.minorticks_off()
         ax.set_xlabel("largest slope of the axis / ‰")
     headed(figure, "Does the printed ellipsoid describe a section?", handles, 2)

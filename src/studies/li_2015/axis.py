@@ -1,7 +1,8 @@
 """What pulls the printed axis of a tunnel, one cause at a time, and where the robust axis lies.
 
-The printed axis takes the middle between the extreme points of bins of 0.1 m, so one point decides. Here points of the lining all
-around are spoilt by one thing at a time, each as in the simulated tunnel.
+The printed axis takes the middle between the extreme points of bins of 0.1 m, so one point decides.
+Here points of the lining all around are spoilt by one thing at a time, each as in the simulated
+tunnel.
 """
 
 from __future__ import annotations
@@ -19,14 +20,16 @@ MARGIN = 1.0  # m that are cut off where the ends shall do no harm
 COMPARED = (ZONE[0] + 5.0, ZONE[1] - 5.0)  # m, where axes are compared
 SPACING = 0.5  # m
 NOISE = 0.003  # m, of a point along the radius
-TRAY = (np.radians(12.0), 0.13)  # rad to each side of the left springline, and m in front of the wall
+# rad to each side of the left springline, and m in front of the wall
+TRAY = (np.radians(12.0), 0.13)
 
 
 def axis_error(axis: Axis, tunnel: Tunnel, start: float, end: float) -> dict[str, float]:
-    """Where an axis lies between two chainages of the true one (m): mean and largest offset to the right and up, and direction.
+    """Where an axis lies between two chainages of the true one (m): mean and largest offset to the
+    right and up, and direction.
 
-    Returns ``mean_u_mm``, ``mean_v_mm``, ``largest_u_mm``, ``largest_v_mm`` about the means, and ``largest_mrad``, of the angle between
-    the tangents.
+    Returns ``mean_u_mm``, ``mean_v_mm``, ``largest_u_mm``, ``largest_v_mm`` about the means, and
+    ``largest_mrad``, of the angle between the tangents.
     """
     at = axis.foot(tunnel.alignment.position(np.arange(start, end, SPACING)))
     chainage, u, v = tunnel.alignment.section_coordinates(axis.position(at))
@@ -41,9 +44,11 @@ def axis_error(axis: Axis, tunnel: Tunnel, start: float, end: float) -> dict[str
 
 
 def hazards(tunnel: Tunnel, n: int, seed: int) -> pd.DataFrame:
-    """Printed axis of n points in the 45 m of the paper's sections, and of the whole tunnel, spoilt by one thing at a time.
+    """Printed axis of n points in the 45 m of the paper's sections, and of the whole tunnel, spoilt
+    by one thing at a time.
 
-    Columns: ``cause``, ``length_m``, and those of :func:`axis_error` in the 45 m less 5 m at both ends, the same for all.
+    Columns: ``cause``, ``length_m``, and those of :func:`axis_error` in the 45 m less 5 m at both
+    ends, the same for all.
     """
     generator = np.random.default_rng(seed)
     whole = (0.0, tunnel.alignment.length)
@@ -66,14 +71,24 @@ def hazards(tunnel: Tunnel, n: int, seed: int) -> pd.DataFrame:
         if trimmed:
             y = points[:, 1]
             points = points[(y > y.min() + MARGIN) & (y < y.max() - MARGIN)]
-        rows.append({"cause": cause, "length_m": end - start, **axis_error(printed_axis(points), tunnel, *COMPARED)})
+        rows.append(
+            {
+                "cause": cause,
+                "length_m": end - start,
+                **axis_error(printed_axis(points), tunnel, *COMPARED),
+            }
+        )
     return pd.DataFrame(rows)
 
 
 def _bed(tunnel: Tunnel, chainage, alpha, rho):
     """Points that would lie under the bed lie on it."""
     height = rho * np.cos(alpha)
-    return chainage, alpha, np.where(height < tunnel.furniture.bed, tunnel.furniture.bed / np.cos(alpha), rho)
+    return (
+        chainage,
+        alpha,
+        np.where(height < tunnel.furniture.bed, tunnel.furniture.bed / np.cos(alpha), rho),
+    )
 
 
 def _cables(tunnel: Tunnel, chainage, alpha, rho):
@@ -85,7 +100,9 @@ def _cables(tunnel: Tunnel, chainage, alpha, rho):
 
 
 def _tray(tunnel: Tunnel, chainage, alpha, rho):
-    """Points behind a closed cable tray lie on it. The tunnel has none: its cables leave wall to be seen between them."""
+    """Points behind a closed cable tray lie on it. The tunnel has none: its cables leave wall to be
+    seen between them.
+    """
     half_width, depth = TRAY
     return chainage, alpha, np.where(np.abs(alpha + 0.5 * np.pi) < half_width, rho - depth, rho)
 
@@ -117,10 +134,14 @@ def axes(cloud: Cloud, true_cloud: Cloud, tunnel: Tunnel) -> tuple[pd.DataFrame,
     y = zone[:, 1]
     found = {
         "printed, 45 m": printed_axis(zone),
-        "printed, 45 m, ends cut off": printed_axis(zone[(y > y.min() + MARGIN) & (y < y.max() - MARGIN)]),
+        "printed, 45 m, ends cut off": printed_axis(
+            zone[(y > y.min() + MARGIN) & (y < y.max() - MARGIN)]
+        ),
         "printed, whole tunnel": printed_axis(cloud.points),
         "robust, whole tunnel": robust_axis(cloud.points),
         "robust, true poses": robust_axis(true_cloud.points),
     }
-    table = pd.DataFrame([{"axis": name, **axis_error(axis, tunnel, *COMPARED)} for name, axis in found.items()])
+    table = pd.DataFrame(
+        [{"axis": name, **axis_error(axis, tunnel, *COMPARED)} for name, axis in found.items()]
+    )
     return table, found

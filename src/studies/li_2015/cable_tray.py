@@ -1,4 +1,6 @@
-"""A cable tray over a part of a section's arc: how far it pulls the radii of the ellipse, method by method."""
+"""A cable tray over a part of a section's arc: how far it pulls the radii of the ellipse, method by
+method.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,18 @@ SEEN = np.deg2rad(135.0)  # to both sides of the crown
 
 
 def tray_study(
-    shares: Sequence[float] = (0.0, 0.05, 0.1, 0.2), *, inside: float = 0.13, trials: int = 20, n: int = POINTS, seed: int = 0
+    shares: Sequence[float] = (0.0, 0.05, 0.1, 0.2),
+    *,
+    inside: float = 0.13,
+    trials: int = 20,
+    n: int = POINTS,
+    seed: int = 0,
 ) -> pd.DataFrame:
-    """Errors of the radii ρ(α), |α| ≤ 135°, where a share of the arc that is seen is covered by a tray ``inside`` (m) of the lining.
+    """Errors of the radii ρ(α), |α| ≤ 135°, where a share of the arc that is seen is covered by a
+    tray ``inside`` (m) of the lining.
 
-    Returns a row a share and method: `share_percent`, `method`, its `label`, `largest_mm` (largest error over the directions, mean of the
-    trials) and `worst_mm` (largest of all trials).
+    Returns a row a share and method: `share_percent`, `method`, its `label`, `largest_mm` (largest
+    error over the directions, mean of the trials) and `worst_mm` (largest of all trials).
 
     >>> study = tray_study([0.05], trials=2, n=1000).set_index("method")["largest_mm"]
     >>> bool(study["robust"] < 0.5), bool(study["geometric"] > 10)
@@ -43,7 +51,8 @@ def tray_study(
         points = radii[..., None] * np.stack([np.sin(angles), np.cos(angles)], axis=-1) + noise
         for method, entry in ELLIPSE_METHODS.items():
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ConvergenceWarning)  # a fit that is lost has its error
+                # a fit that is lost has its error
+                warnings.simplefilter("ignore", ConvergenceWarning)
                 fit = fit_ellipse(points, method)
             errors = 1e3 * np.abs(fit.polar(ANGLES, np.zeros(2))[0] - truth).max(axis=-1)
             row = {"share_percent": 100.0 * share, "method": method, "label": entry.label}

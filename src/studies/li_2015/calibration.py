@@ -1,7 +1,9 @@
-"""Are the intervals and the tests true? Hundreds of simulated campaigns at a density that makes them cheap.
+"""Are the intervals and the tests true? Hundreds of simulated campaigns at a density that makes
+them cheap.
 
-:func:`coverage` asks whether the 95 % intervals of Δρ(α) hold the truth, :func:`alarms` how often a section gives an alarm: by the
-fixed limit of 6 mm and by the tests of :mod:`analysis.tunnel.significance`, which know noise and registration. Where nothing has moved
+:func:`coverage` asks whether the 95 % intervals of Δρ(α) hold the truth, :func:`alarms` how often a
+section gives an alarm: by the fixed limit of 6 mm and by the tests of
+:mod:`analysis.tunnel.significance`, which know noise and registration. Where nothing has moved
 every alarm is false; where something has, what gives none is missed.
 """
 
@@ -17,22 +19,35 @@ from analysis.blocks import pieces
 from analysis.checks import positive
 from analysis.result import rms
 from analysis.tunnel.sections import DIRECTIONS, equal_angles, local_radii
-from analysis.tunnel.significance import LEVEL, LIMITS, SHARE, differences, flagged, share_beyond, significance
+from analysis.tunnel.significance import (
+    LEVEL,
+    LIMITS,
+    SHARE,
+    differences,
+    flagged,
+    share_beyond,
+    significance,
+)
 
 from .simulated_sections import ALL, SimulatedSection, compared
 
-EVERY_FIFTH = DIRECTIONS[::5]  # neighbourhoods are about as wide, so that more directions say little more
+# neighbourhoods are about as wide, so that more directions say little more
+EVERY_FIFTH = DIRECTIONS[::5]
 CHUNK = 25  # campaigns sent to a worker at a time
 
 
-def coverage(cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, seed: int, *, n_points: int) -> pd.DataFrame:
-    """Share of the 95 % intervals of Δρ(α) that hold the truth, and the errors of Δρ, over campaigns with ``n_points`` of each section.
+def coverage(
+    cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, seed: int, *, n_points: int
+) -> pd.DataFrame:
+    """Share of the 95 % intervals of Δρ(α) that hold the truth, and the errors of Δρ, over
+    campaigns with ``n_points`` of each section.
 
     cases : words -> sections
 
-    Returns a row a case and section, and one for all sections together: `case`, `section`, `held_percent` and its standard error
-    `held_se_percent` (the directions of a campaign hang together, so it comes from the spread between campaigns), `rmse_mm` of Δρ,
-    `stated_mm` (RMS of its standard deviations), `rmse_within_mm` of Δρ less its rigid part.
+    Returns a row a case and section, and one for all sections together: `case`, `section`,
+    `held_percent` and its standard error `held_se_percent` (the directions of a campaign hang
+    together, so it comes from the spread between campaigns), `rmse_mm` of Δρ, `stated_mm` (RMS of
+    its standard deviations), `rmse_within_mm` of Δρ less its rigid part.
     """
     rows = []
     for words, sections in cases.items():
@@ -46,7 +61,10 @@ def coverage(cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, se
             within.append(one.errors_within)
         held, errors, stated, within = map(np.array, (held, errors, stated, within))
         names = [f"{section.chainage:g} m" for section in sections]
-        for name, of in [*((name, slice(k, k + 1)) for k, name in enumerate(names)), (ALL, slice(None))]:
+        for name, of in [
+            *((name, slice(k, k + 1)) for k, name in enumerate(names)),
+            (ALL, slice(None)),
+        ]:
             a_campaign = held[of].mean(axis=0)
             rows.append(
                 {
@@ -62,24 +80,41 @@ def coverage(cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, se
     return pd.DataFrame(rows)
 
 
-def alarms(sections: Sequence[SimulatedSection], campaigns: int, seed: int, *, workers: int | None = None) -> pd.DataFrame:
-    """Alarms over campaigns: of the fixed limits, as printed, and of the tests of significance at 5 %.
+def alarms(
+    sections: Sequence[SimulatedSection], campaigns: int, seed: int, *, workers: int | None = None
+) -> pd.DataFrame:
+    """Alarms over campaigns: of the fixed limits, as printed, and of the tests of significance at 5
+    %.
 
     Work is spread over ``workers`` processes, which changes nothing.
 
-    Returns a row a section and one for all: `section`; `beyond_6_mm_percent`, `beyond_12_mm_percent`, single directions by the printed
-    rule; `flagged_percent`, sections with 30 % of their directions beyond 6 mm; `significant_percent`, single directions by the level of
-    detection; `changed_percent`, sections by their test, and its binomial standard error `changed_se_percent`.
+    Returns a row a section and one for all: `section`; `beyond_6_mm_percent`,
+    `beyond_12_mm_percent`, single directions by the printed rule; `flagged_percent`, sections with
+    30 % of their directions beyond 6 mm; `significant_percent`, single directions by the level of
+    detection; `changed_percent`, sections by their test, and its binomial standard error
+    `changed_se_percent`.
     """
     drawn = [section.drawn(campaigns, seed) for section in sections]
-    tasks = [(section, part, pair) for section, pair in zip(sections, drawn, strict=True) for part in pieces(campaigns, CHUNK)]
-    workers = min(len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers")))
+    tasks = [
+        (section, part, pair)
+        for section, pair in zip(sections, drawn, strict=True)
+        for part in pieces(campaigns, CHUNK)
+    ]
+    workers = min(
+        len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers"))
+    )
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         parallel = joblib.Parallel(max_nbytes=None)
-        done = parallel(joblib.delayed(_alarms)(section, [epoch[part] for epoch in pair]) for section, part, pair in tasks)
+        done = parallel(
+            joblib.delayed(_alarms)(section, [epoch[part] for epoch in pair])
+            for section, part, pair in tasks
+        )
     found = np.concatenate(done).reshape(len(sections), campaigns, -1)
     rows = []
-    for name, values in [*zip((f"{section.chainage:g} m" for section in sections), found, strict=True), (ALL, np.concatenate(found))]:
+    for name, values in [
+        *zip((f"{section.chainage:g} m" for section in sections), found, strict=True),
+        (ALL, np.concatenate(found)),
+    ]:
         six, twelve, flags, directions, changed = 100.0 * values.mean(axis=0)
         rows.append(
             {
@@ -96,12 +131,23 @@ def alarms(sections: Sequence[SimulatedSection], campaigns: int, seed: int, *, w
 
 
 def _alarms(section: SimulatedSection, epochs) -> np.ndarray:
-    """(B, 5): shares beyond 6 and 12 mm, whether flagged; share of significant directions, whether changed."""
+    """(B, 5): shares beyond 6 and 12 mm, whether flagged; share of significant directions, whether
+    changed.
+    """
     rows = []
     for pair in zip(*epochs, strict=True):
         cut = [section.section(points) for points in pair]
         delta = differences(*(equal_angles(one, EVERY_FIFTH) for one in cut))
-        found = significance(*(local_radii(one, EVERY_FIFTH) for one in cut), registration=section.registration)
+        found = significance(
+            *(local_radii(one, EVERY_FIFTH) for one in cut), registration=section.registration
+        )
         significant = found.significant[~np.isnan(found.delta)].mean()
-        rows.append([*(share_beyond(delta, limit) for limit in LIMITS), flagged(delta, share=SHARE), significant, found.changed])
+        rows.append(
+            [
+                *(share_beyond(delta, limit) for limit in LIMITS),
+                flagged(delta, share=SHARE),
+                significant,
+                found.changed,
+            ]
+        )
     return np.array(rows, dtype=float)

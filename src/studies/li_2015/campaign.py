@@ -1,4 +1,5 @@
-"""From raw stations to one cloud an epoch: registration of the simulated campaign, and what its scans hold.
+"""From raw stations to one cloud an epoch: registration of the simulated campaign, and what its
+scans hold.
 
 Stations are called "epoch.place", so "1.3" is the third station of the first epoch.
 """
@@ -41,7 +42,9 @@ class Cloud:
         return np.isin(self.codes, [CODES[label] for label in labels])
 
     def attachments(self, tunnel: Tunnel, epoch: int) -> np.ndarray:
-        """(n,) bool: points of attachments that stand out by 2 cm or more; their feet on the lining do not."""
+        """(n,) bool: points of attachments that stand out by 2 cm or more; their feet on the lining
+        do not.
+        """
         found = self.of(*ATTACHMENTS)
         found[found] = tunnel.distances(self.points[found], epoch) <= -ATTACHED
         return found
@@ -93,43 +96,64 @@ def register(epoch: Epoch) -> dict[str, Station]:
 
 
 def register_observed(observed: pd.DataFrame, net: pd.DataFrame) -> dict[str, Station]:
-    """:func:`.register_stations` with the standard deviations of the simulation and the scale held at 1."""
+    """:func:`.register_stations` with the standard deviations of the simulation and the scale held
+    at 1.
+    """
     return register_stations(observed, net, scanner_sd=TARGET_SD, control_sd=NET_SD)
 
 
-def adjust(epochs: tuple[Epoch, ...], stations: tuple[dict[str, Station], ...], axis: Axis) -> Block:
-    """:func:`.adjust_block` of all epochs, registered singly as ``stations``, with the standard deviations of the simulation.
+def adjust(
+    epochs: tuple[Epoch, ...], stations: tuple[dict[str, Station], ...], axis: Axis
+) -> Block:
+    """:func:`.adjust_block` of all epochs, registered singly as ``stations``, with the standard
+    deviations of the simulation.
 
     Tied are neighbours within an epoch. The instruments are levelled to 20″.
     """
     together = {name: station for found in stations for name, station in found.items()}
-    scans = [dict(zip(station_names(epoch), (scan.points for scan in epoch.stations), strict=True)) for epoch in epochs]
+    scans = [
+        dict(zip(station_names(epoch), (scan.points for scan in epoch.stations), strict=True))
+        for epoch in epochs
+    ]
     ties = [surface_ties(together, of_epoch, axis) for of_epoch in scans]
-    return adjust_block(together, ties, scanner_sd=TARGET_SD, control_sd=NET_SD, level_sd=LEVELLING_SD)
+    return adjust_block(
+        together, ties, scanner_sd=TARGET_SD, control_sd=NET_SD, level_sd=LEVELLING_SD
+    )
 
 
 def joined(epoch: Epoch, stations: dict[str, Station] | None = None) -> Cloud:
-    """The scans of an epoch in one system, by its registered ``stations``; None joins them by their true poses."""
+    """The scans of an epoch in one system, by its registered ``stations``; None joins them by their
+    true poses.
+    """
     scans = epoch.stations
     if stations is None:
         points = [scan.pose.to_engineering(scan.points) for scan in scans]
     else:
-        points = [stations[name].similarity.transform(scan.points) for name, scan in zip(station_names(epoch), scans, strict=True)]
+        points = [
+            stations[name].similarity.transform(scan.points)
+            for name, scan in zip(station_names(epoch), scans, strict=True)
+        ]
     places = np.repeat(np.arange(len(points), dtype=np.uint8), [len(part) for part in points])
     return Cloud(np.concatenate(points), np.concatenate([scan.codes for scan in scans]), places)
 
 
 def label_shares(campaign: Campaign) -> pd.DataFrame:
-    """Points on each thing, in percent of an epoch: ``label``, ``epoch_1_percent``, ``epoch_2_percent``, ``attachment``."""
+    """Points on each thing, in percent of an epoch: ``label``, ``epoch_1_percent``,
+    ``epoch_2_percent``, ``attachment``.
+    """
     frame = pd.DataFrame({"label": NAMES})
     for epoch in campaign.epochs:
         codes = np.concatenate([scan.codes for scan in epoch.stations])
-        frame[f"epoch_{epoch.number}_percent"] = 100.0 * np.bincount(codes, minlength=len(NAMES)) / len(codes)
+        frame[f"epoch_{epoch.number}_percent"] = (
+            100.0 * np.bincount(codes, minlength=len(NAMES)) / len(codes)
+        )
     return frame.assign(attachment=np.where(frame["label"].isin(ATTACHMENTS), "yes", ""))
 
 
 def station_points(campaign: Campaign) -> pd.DataFrame:
-    """Stations of both epochs: ``station``, ``chainage_m``, ``targets``, ``points``, ``of_the_paper_percent``."""
+    """Stations of both epochs: ``station``, ``chainage_m``, ``targets``, ``points``,
+    ``of_the_paper_percent``.
+    """
     rows = [
         {
             "station": name,

@@ -1,4 +1,6 @@
-"""How many points a section has, and what that leaves in its directions: a point, an interpolated radius, or a gap."""
+"""How many points a section has, and what that leaves in its directions: a point, an interpolated
+radius, or a gap.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +9,44 @@ import pandas as pd
 
 from analysis.result import rms
 from analysis.tunnel.axis import Axis, straight
-from analysis.tunnel.sections import FEWEST, THICKNESS, Radii, Section, cut, equal_angles, local_radii
+from analysis.tunnel.sections import (
+    FEWEST,
+    THICKNESS,
+    Radii,
+    Section,
+    cut,
+    equal_angles,
+    local_radii,
+)
 
-from ..simulation.tunnel import CODES, FULL_DENSITY, SectionScan, Setup, Tunnel, section_points, section_scan
+from ..simulation.tunnel import (
+    CODES,
+    FULL_DENSITY,
+    SectionScan,
+    Setup,
+    Tunnel,
+    section_points,
+    section_scan,
+)
 from ..simulation.tunnel.campaign import ELEVATION
 from .campaign import Cloud
 
 READINGS = {"equal angles": equal_angles, "local quadratics": local_radii}
-NOTHING = {"found_percent": 0.0, "interpolated_percent": 0.0, "gaps_percent": 100.0}  # of a section with too few points to read
+# of a section with too few points to read
+NOTHING = {"found_percent": 0.0, "interpolated_percent": 0.0, "gaps_percent": 100.0}
 AXIS_PIECE = 0.5  # m to each side of a section that stands alone
 
 
-def ring_points(distance, density: float = FULL_DENSITY, *, radius: float = 2.7, thickness: float = THICKNESS) -> np.ndarray:
-    """Points (…) that a scanner on the axis puts on a whole ring ``thickness`` wide at axial ``distance`` (…), m.
+def ring_points(
+    distance, density: float = FULL_DENSITY, *, radius: float = 2.7, thickness: float = THICKNESS
+) -> np.ndarray:
+    """Points (…) that a scanner on the axis puts on a whole ring ``thickness`` wide at axial
+    ``distance`` (…), m.
 
         n = N d R² / (2π Δε) ∫ dα / (r³ cos ε),   r² = R² + L²,   sin ε = R cos α / r
 
-    for the α with ε within the window of the scanner; N beams are evenly spread in azimuth and in elevation over Δε.
+    for the α with ε within the window of the scanner; N beams are evenly spread in azimuth and in
+    elevation over Δε.
 
     >>> np.round(ring_points([5.0, 8.0, 20.0]), -1)
     array([5450., 1600.,  110.])
@@ -43,18 +66,24 @@ def nearest_station(chainages, setups) -> np.ndarray:
     return np.abs(np.asarray(chainages)[:, None] - stations).min(axis=1)
 
 
-def section_counts(linings: tuple[Cloud, Cloud], setups, axis: Axis, tunnel: Tunnel, chainages, density: float) -> pd.DataFrame:
-    """Sections of the lining in both epochs, scanned from ``setups`` (two tuples): a row a section and epoch.
+def section_counts(
+    linings: tuple[Cloud, Cloud], setups, axis: Axis, tunnel: Tunnel, chainages, density: float
+) -> pd.DataFrame:
+    """Sections of the lining in both epochs, scanned from ``setups`` (two tuples): a row a section
+    and epoch.
 
-    Columns: ``chainage_m`` (of the design), ``epoch``, ``station_m``, distance to the nearest station; ``points`` in the 50 mm of the
-    section; ``at_full_density``, that many times 4.5 million over ``density``; shares of the directions with a reading by local
-    quadratics, ``found_percent``, ``interpolated_percent``, ``gaps_percent``.
+    Columns: ``chainage_m`` (of the design), ``epoch``, ``station_m``, distance to the nearest
+    station; ``points`` in the 50 mm of the section; ``at_full_density``, that many times 4.5
+    million over ``density``; shares of the directions with a reading by local quadratics,
+    ``found_percent``, ``interpolated_percent``, ``gaps_percent``.
     """
     at = axis.chainage(axis.foot(tunnel.alignment.position(np.asarray(chainages, dtype=float))))
     rows = []
     for epoch, (cloud, stations) in enumerate(zip(linings, setups, strict=True), start=1):
         near = nearest_station(chainages, stations)
-        for chainage, distance, section in zip(chainages, near, cut(cloud.points, axis, at), strict=True):
+        for chainage, distance, section in zip(
+            chainages, near, cut(cloud.points, axis, at), strict=True
+        ):
             rows.append(
                 {
                     "chainage_m": float(chainage),
@@ -78,8 +107,11 @@ def shares(radii: Radii) -> dict[str, float]:
     }
 
 
-def full_section(tunnel: Tunnel, setups: tuple[Setup, ...], chainage: float, density: float = FULL_DENSITY) -> SectionScan:
-    """The lining around one section, at the paper's 4.5 million beams a station unless told otherwise, without noise.
+def full_section(
+    tunnel: Tunnel, setups: tuple[Setup, ...], chainage: float, density: float = FULL_DENSITY
+) -> SectionScan:
+    """The lining around one section, at the paper's 4.5 million beams a station unless told
+    otherwise, without noise.
 
     Twice as thick as the section, because noise along the axis leads points into it and out of it.
     """
@@ -92,7 +124,9 @@ def full_section(tunnel: Tunnel, setups: tuple[Setup, ...], chainage: float, den
 def noisy(scan: SectionScan, tunnel: Tunnel, seed: int) -> Section:
     """The section with the scanner's noise and without errors of registration, about the true axis."""
     points = section_points(scan, 1, seed)[0]
-    ends = tunnel.alignment.position(scan.chainage) + AXIS_PIECE * np.array([[-1.0], [1.0]]) * tunnel.alignment.tangent(scan.chainage)
+    ends = tunnel.alignment.position(scan.chainage) + AXIS_PIECE * np.array(
+        [[-1.0], [1.0]]
+    ) * tunnel.alignment.tangent(scan.chainage)
     axis = straight(*ends)
     (section,) = cut(points, axis, [0.5 * axis.length])
     return section
@@ -101,8 +135,9 @@ def noisy(scan: SectionScan, tunnel: Tunnel, seed: int) -> Section:
 def readings(scans: dict[str, SectionScan], tunnel: Tunnel, parts, seed: int) -> pd.DataFrame:
     """Both readings of sections thinned out at random to ``parts`` (fractions) of their points.
 
-    Columns: ``section``, ``part``, ``points``, ``reading``; percent of the directions ``found``, ``interpolated``, ``gaps``;
-    ``rms_found_mm`` and ``rms_interpolated_mm``, root mean square errors of the radii against the truth.
+    Columns: ``section``, ``part``, ``points``, ``reading``; percent of the directions ``found``,
+    ``interpolated``, ``gaps``; ``rms_found_mm`` and ``rms_interpolated_mm``, root mean square
+    errors of the radii against the truth.
     """
     rows = []
     for name, scan in scans.items():
@@ -120,7 +155,9 @@ def readings(scans: dict[str, SectionScan], tunnel: Tunnel, parts, seed: int) ->
                         "reading": reading,
                         **shares(radii),
                         "rms_found_mm": float(rms(errors[found])) if found.any() else np.nan,
-                        "rms_interpolated_mm": float(rms(errors[radii.interpolated])) if radii.interpolated.any() else np.nan,
+                        "rms_interpolated_mm": float(rms(errors[radii.interpolated]))
+                        if radii.interpolated.any()
+                        else np.nan,
                     }
                 )
     return pd.DataFrame(rows)
@@ -129,7 +166,12 @@ def readings(scans: dict[str, SectionScan], tunnel: Tunnel, parts, seed: int) ->
 def radius_errors(section: Section, radii: Radii, tunnel: Tunnel, epoch: int) -> np.ndarray:
     """ρ − ρ_true in m of readings, in their shape; NaN at gaps."""
     seen = ~radii.gaps
-    alpha, rho = np.broadcast_to(radii.directions, seen.shape)[seen][:, None], radii.radius[seen][:, None]
+    alpha, rho = (
+        np.broadcast_to(radii.directions, seen.shape)[seen][:, None],
+        radii.radius[seen][:, None],
+    )
     errors = np.full(seen.shape, np.nan)
-    errors[seen] = tunnel.distances(section.position + rho * (np.sin(alpha) * section.right + np.cos(alpha) * section.up), epoch)
+    errors[seen] = tunnel.distances(
+        section.position + rho * (np.sin(alpha) * section.right + np.cos(alpha) * section.up), epoch
+    )
     return errors

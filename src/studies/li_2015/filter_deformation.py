@@ -1,7 +1,9 @@
-"""What a filter does to the deformation: mean radii of both epochs in cells, of all lining points and of those that it keeps.
+"""What a filter does to the deformation: mean radii of both epochs in cells, of all lining points
+and of those that it keeps.
 
-A filter by distance from one cylinder that stays where it is takes off the wall that has moved; the deformation is gone before
-anyone looks for it. The rules are those of :mod:`.filter_study`; here they work on both epochs of a campaign.
+A filter by distance from one cylinder that stays where it is takes off the wall that has moved; the
+deformation is gone before anyone looks for it. The rules are those of :mod:`.filter_study`; here
+they work on both epochs of a campaign.
 """
 
 from __future__ import annotations
@@ -20,16 +22,19 @@ from .filter import RULES
 
 CELL = (np.radians(20.0), 2.0)  # rad, m
 SECTOR = np.radians(120.0)  # to either side of the crown; beyond it the track bed meets the wall
-FEWEST = 100  # lining points of a cell in each epoch: one lost beyond 3 σ changes the mean of n by 3σ/n
+# lining points of a cell in each epoch: one lost beyond 3 σ changes the mean of n by 3σ/n
+FEWEST = 100
 EMPTIED = 0.5  # of its lining points: a cell that has lost more has no deformation left
 
 
 def filtered(
     clouds: tuple[Cloud, Cloud], axis: TunnelAxis, tunnel: Tunnel, start: float, end: float
 ) -> tuple[tuple[Cloud, Cloud], dict[str, tuple[FilteredLining, FilteredLining]]]:
-    """The points of both epochs between two chainages (m), and what each of the ``RULES`` says of them, with the same axis for both epochs.
+    """The points of both epochs between two chainages (m), and what each of the ``RULES`` says of
+    them, with the same axis for both epochs.
 
-    A rule without segments looks at the whole tunnel: that is what it means. By the others only the points between are filtered.
+    A rule without segments looks at the whole tunnel: that is what it means. By the others only the
+    points between are filtered.
     """
     within = [cloud.between(tunnel, start, end) for cloud in clouds]
     parts = tuple(cloud.part(which) for cloud, which in zip(clouds, within, strict=True))
@@ -37,7 +42,9 @@ def filtered(
     for rule, options in RULES.items():
         if options.get("segment") == np.inf:
             whole = [filter_lining(cloud.points, axis, **options) for cloud in clouds]
-            linings[rule] = tuple(_part(result, which) for result, which in zip(whole, within, strict=True))
+            linings[rule] = tuple(
+                _part(result, which) for result, which in zip(whole, within, strict=True)
+            )
         else:
             linings[rule] = tuple(filter_lining(cloud.points, axis, **options) for cloud in parts)
     return parts, linings
@@ -53,11 +60,16 @@ def _part(result: FilteredLining, which: np.ndarray) -> FilteredLining:
     )
 
 
-def effects(clouds: tuple[Cloud, Cloud], linings: dict[str, tuple[FilteredLining, FilteredLining]], tunnel: Tunnel) -> pd.DataFrame:
+def effects(
+    clouds: tuple[Cloud, Cloud],
+    linings: dict[str, tuple[FilteredLining, FilteredLining]],
+    tunnel: Tunnel,
+) -> pd.DataFrame:
     """What each rule finds and loses: a row a rule and epoch.
 
-    Columns: ``rule``, ``epoch``; ``attachments``, points that stand out by 2 cm or more, and ``found_percent`` of them flagged inside;
-    ``lining`` points and ``lost_percent`` of them; ``kept_of_all_percent`` of all points.
+    Columns: ``rule``, ``epoch``; ``attachments``, points that stand out by 2 cm or more, and
+    ``found_percent`` of them flagged inside; ``lining`` points and ``lost_percent`` of them;
+    ``kept_of_all_percent`` of all points.
     """
     rows = []
     for rule, pair in linings.items():
@@ -77,14 +89,19 @@ def effects(clouds: tuple[Cloud, Cloud], linings: dict[str, tuple[FilteredLining
     return pd.DataFrame(rows)
 
 
-def cells(clouds: tuple[Cloud, Cloud], linings: dict[str, tuple[FilteredLining, FilteredLining]], tunnel: Tunnel) -> pd.DataFrame:
+def cells(
+    clouds: tuple[Cloud, Cloud],
+    linings: dict[str, tuple[FilteredLining, FilteredLining]],
+    tunnel: Tunnel,
+) -> pd.DataFrame:
     """Mean deformation in cells of 20° and 2 m before and after each rule, a row a rule and cell.
 
     Cells with fewer than 100 lining points in an epoch are left out.
 
-    Columns: ``rule``, ``chainage_m`` and ``alpha_deg`` of the middle; ``true_mm``, mean deformation; ``before_mm``, by all lining points,
-    and ``after_mm``, by those that are kept, NaN where half of them are lost; ``kept_percent``, the smaller of both epochs; ``change_mm``,
-    after less before.
+    Columns: ``rule``, ``chainage_m`` and ``alpha_deg`` of the middle; ``true_mm``, mean
+    deformation; ``before_mm``, by all lining points, and ``after_mm``, by those that are kept, NaN
+    where half of them are lost; ``kept_percent``, the smaller of both epochs; ``change_mm``, after
+    less before.
     """
     width, length = CELL
     parts = []
@@ -92,12 +109,28 @@ def cells(clouds: tuple[Cloud, Cloud], linings: dict[str, tuple[FilteredLining, 
         chainage, u, v = tunnel.alignment.section_coordinates(cloud.points)
         alpha = np.arctan2(u, v)
         looked_at = cloud.of("lining") & (np.abs(alpha) < SECTOR)
-        parts.append((np.floor(chainage / length), np.floor(alpha / width), np.hypot(u, v), looked_at, tunnel.deformation(alpha, chainage)))
-    first, last = (int(f(part[0].min() if f is min else part[0].max() for part in parts)) for f in (min, max))
+        parts.append(
+            (
+                np.floor(chainage / length),
+                np.floor(alpha / width),
+                np.hypot(u, v),
+                looked_at,
+                tunnel.deformation(alpha, chainage),
+            )
+        )
+    first, last = (
+        int(f(part[0].min() if f is min else part[0].max() for part in parts)) for f in (min, max)
+    )
     around = int(np.ceil(np.pi / width))
     size = (last - first + 1) * 2 * around
     places = [((s - first) * 2 * around + a + around).astype(np.int64) for s, a, *_ in parts]
-    counts, before = zip(*(_means(place, rho, on, size) for place, (_, _, rho, on, _) in zip(places, parts, strict=True)), strict=True)
+    counts, before = zip(
+        *(
+            _means(place, rho, on, size)
+            for place, (_, _, rho, on, _) in zip(places, parts, strict=True)
+        ),
+        strict=True,
+    )
     enough = np.flatnonzero(np.min(counts, axis=0) >= FEWEST)
     true = _means(places[0], parts[0][4], parts[0][3], size)[1]
     shared = {
@@ -109,23 +142,36 @@ def cells(clouds: tuple[Cloud, Cloud], linings: dict[str, tuple[FilteredLining, 
     frames = []
     for rule, pair in linings.items():
         left, after = zip(
-            *(_means(place, part[2], part[3] & result.lining, size) for place, part, result in zip(places, parts, pair, strict=True)),
+            *(
+                _means(place, part[2], part[3] & result.lining, size)
+                for place, part, result in zip(places, parts, pair, strict=True)
+            ),
             strict=True,
         )
-        kept = np.min([now[enough] / then[enough] for now, then in zip(left, counts, strict=True)], axis=0)
+        kept = np.min(
+            [now[enough] / then[enough] for now, then in zip(left, counts, strict=True)], axis=0
+        )
         after_mm = np.where(kept > EMPTIED, 1e3 * (after[1] - after[0])[enough], np.nan)
-        frames.append(pd.DataFrame({"rule": rule, **shared, "after_mm": after_mm, "kept_percent": 100.0 * kept}))
+        frames.append(
+            pd.DataFrame(
+                {"rule": rule, **shared, "after_mm": after_mm, "kept_percent": 100.0 * kept}
+            )
+        )
     table = pd.concat(frames, ignore_index=True)
     return table.assign(change_mm=table["after_mm"] - table["before_mm"])
 
 
-def _means(place: np.ndarray, values: np.ndarray, where: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+def _means(
+    place: np.ndarray, values: np.ndarray, where: np.ndarray, size: int
+) -> tuple[np.ndarray, np.ndarray]:
     count = np.bincount(place[where], minlength=size)
     return count, np.bincount(place[where], values[where], minlength=size) / np.maximum(count, 1)
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
-    """By rule: ``cells``, those ``emptied`` of half of their lining, the least share kept; of the others the change of deformation, mm."""
+    """By rule: ``cells``, those ``emptied`` of half of their lining, the least share kept; of the
+    others the change of deformation, mm.
+    """
     rows = []
     for rule, of in table.groupby("rule", sort=False):
         change = of["change_mm"].dropna().to_numpy()

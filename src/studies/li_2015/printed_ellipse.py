@@ -1,19 +1,25 @@
-"""The section's outline as the paper states it: an ellipsoid cut by the section plane. Printed, and what is wrong with it.
+"""The section's outline as the paper states it: an ellipsoid cut by the section plane. Printed, and
+what is wrong with it.
 
-    (x − a)²/λ1² + (y − b)²/λ2² + (z − c)²/λ3² = 1,   k x + y + k′z + m = 0                          (Li et al. 2015, eq. 11)
-    A x² + B xz + C z² + D x + E z + F = 0                                                        (eq. 12)
+    (x − a)²/λ1² + (y − b)²/λ2² + (z − c)²/λ3² = 1,   k x + y + k′z + m = 0
+    (Li et al. 2015, eq. 11) A x² + B xz + C z² + D x + E z + F = 0
+    (eq. 12)
 
-Elimination of y gives eq. (13), which ties the six unknowns (a, b, c, λ1, λ2, λ3) to the conic. Reconstructed, with i_j = 1/λ_j²:
+Elimination of y gives eq. (13), which ties the six unknowns (a, b, c, λ1, λ2, λ3) to the conic.
+Reconstructed, with i_j = 1/λ_j²:
 
-    A = i1 + k² i2,  B = 2kk′ i2,  C = i3 + k′² i2,  D = −2a i1 + 2k(m + b) i2,  E = −2c i3 + 2k′(m + b) i2,
-    F = a² i1 + (m + b)² i2 + c² i3 − 1,                                                       times an unknown factor
+    A = i1 + k² i2,  B = 2kk′ i2,  C = i3 + k′² i2,  D = −2a i1 + 2k(m + b) i2,  E = −2c i3 + 2k′(m
+    + b) i2, F = a² i1 + (m + b)² i2 + c² i3 − 1,
+    times an unknown factor
 
-A conic has five numbers, so the six unknowns need one more condition, that the centre lies in the plane. Then λ2 follows from B
-alone: from the tilt of the outline in its plane, divided by 2kk′, which is zero for a tunnel along Y and about 10⁻⁴ for the others. The
-outline has no such number in it. Noise decides the sign of i2, and with the wrong one there is no ellipsoid.
+A conic has five numbers, so the six unknowns need one more condition, that the centre lies in the
+plane. Then λ2 follows from B alone: from the tilt of the outline in its plane, divided by 2kk′,
+which is zero for a tunnel along Y and about 10⁻⁴ for the others. The outline has no such number in
+it. Noise decides the sign of i2, and with the wrong one there is no ellipsoid.
 
-The outline itself is well posed: the projection along y keeps it as a conic in (x, z), and the metric of the plane turns that into
-the semi-axes of the ellipse in the section (:func:`semi_axes_in_plane`).
+The outline itself is well posed: the projection along y keeps it as a conic in (x, z), and the
+metric of the plane turns that into the semi-axes of the ellipse in the section
+(:func:`semi_axes_in_plane`).
 """
 
 from __future__ import annotations
@@ -35,7 +41,9 @@ SECTION_AXES = (2.711, 2.689)  # m
 
 @dataclass(frozen=True, eq=False)
 class Ellipsoid:
-    """Solutions of eq. (13): centre (…, 3) and semi-axes λ (…, 3) in m; NaN where `real` (…) is False and there is no ellipsoid."""
+    """Solutions of eq. (13): centre (…, 3) and semi-axes λ (…, 3) in m; NaN where `real` (…) is
+    False and there is no ellipsoid.
+    """
 
     center: np.ndarray
     semi_axes: np.ndarray
@@ -47,7 +55,8 @@ class Ellipsoid:
 
 
 def outline(center, semi_axes, plane) -> np.ndarray:
-    """The conic (A, B, C, D, E, F), (…, 6), in (x, z) of an ellipsoid cut by planes ``k x + y + k′z + m = 0``: eq. (13).
+    """The conic (A, B, C, D, E, F), (…, 6), in (x, z) of an ellipsoid cut by planes
+    ``k x + y + k′z + m = 0``: eq. (13).
 
     center, semi_axes : (…, 3) in m; plane : (…, 3) of (k, k′, m)
 
@@ -62,16 +71,20 @@ def outline(center, semi_axes, plane) -> np.ndarray:
     n = m + b
     A, B, C = i1 + k * k * i2, 2.0 * k * kk * i2, i3 + kk * kk * i2
     D, E = -2.0 * a * i1 + 2.0 * k * n * i2, -2.0 * c * i3 + 2.0 * kk * n * i2
-    return np.stack(np.broadcast_arrays(A, B, C, D, E, a * a * i1 + n * n * i2 + c * c * i3 - 1.0), axis=-1)
+    return np.stack(
+        np.broadcast_arrays(A, B, C, D, E, a * a * i1 + n * n * i2 + c * c * i3 - 1.0), axis=-1
+    )
 
 
 @np.errstate(divide="ignore", invalid="ignore")
 def ellipsoid(conic, plane) -> Ellipsoid:
-    """The ellipsoid that eq. (13) gives, closed by ``k a + b + k′c + m = 0``: the centre in the plane, as the paper says of it.
+    """The ellipsoid that eq. (13) gives, closed by ``k a + b + k′c + m = 0``: the centre in the
+    plane, as the paper says of it.
 
     conic : (…, 6) in (x, z), of any factor; plane : (…, 3) of (k, k′, m)
 
-    As printed. It fails where B/(kk′) is not a positive number, or takes more from A or C than there is.
+    As printed. It fails where B/(kk′) is not a positive number, or takes more from A or C than
+    there is.
 
     >>> plane = [0.3, 0.2, -1.0]
     >>> ellipsoid(outline([1.0, 0.6, 0.5], [2.7, 2.6, 2.8], plane), plane).semi_axes.round(9)
@@ -96,11 +109,14 @@ def ellipsoid(conic, plane) -> Ellipsoid:
 
 
 def semi_axes_in_plane(conic, plane) -> np.ndarray:
-    """Semi-axes (…, 2) in m, the major one first, of the outline in its own plane, from its conic (…, 6) in (x, z).
+    """Semi-axes (…, 2) in m, the major one first, of the outline in its own plane, from its conic
+    (…, 6) in (x, z).
 
-    A step (dx, dz) is ``√(dx, dz) G (dx, dz)ᵀ`` long in the plane, ``G = [1 + k², kk′; kk′, 1 + k′²]``. The semi-axes are
-    √(−F′/λ) with the eigenvalues of ``M v = λ G v``, M the quadratic part of the conic and F′ its value at the centre. This is the
-    ellipse that :func:`analysis.fit_ellipse` finds in the section's own coordinates. NaN where there is no ellipse.
+    A step (dx, dz) is ``√(dx, dz) G (dx, dz)ᵀ`` long in the plane,
+    ``G = [1 + k², kk′; kk′, 1 + k′²]``. The semi-axes are √(−F′/λ) with the eigenvalues of
+    ``M v = λ G v``, M the quadratic part of the conic and F′ its value at the centre. This is the
+    ellipse that :func:`analysis.fit_ellipse` finds in the section's own coordinates. NaN where
+    there is no ellipse.
 
     >>> semi_axes_in_plane([1.0, 0, 1, 0, 0, -4], [1.0, 0.0, 0.0]).round(6)  # a cylinder of radius 2 about y, cut at 45°
     array([2.828427, 2.      ])
@@ -108,7 +124,10 @@ def semi_axes_in_plane(conic, plane) -> np.ndarray:
     A, B, C, D, E, F = np.moveaxis(np.asarray(conic, dtype=float), -1, 0)
     k, kk, _ = np.moveaxis(np.asarray(plane, dtype=float), -1, 0)
     M = np.stack([np.stack([A, 0.5 * B], axis=-1), np.stack([0.5 * B, C], axis=-1)], axis=-2)
-    G = np.stack([np.stack([1.0 + k * k, k * kk], axis=-1), np.stack([k * kk, 1.0 + kk * kk], axis=-1)], axis=-2)
+    G = np.stack(
+        [np.stack([1.0 + k * k, k * kk], axis=-1), np.stack([k * kk, 1.0 + kk * kk], axis=-1)],
+        axis=-2,
+    )
     center = solve(M, -0.5 * np.stack([D, E], axis=-1)[..., None])[..., 0]
     level = F + 0.5 * (D * center[..., 0] + E * center[..., 1])
     L = np.linalg.cholesky(G)
@@ -118,15 +137,20 @@ def semi_axes_in_plane(conic, plane) -> np.ndarray:
     return np.sqrt(largest_first)
 
 
-def section_points(plane, tilt: float, angles: np.ndarray, noise: np.ndarray, semi_axes=SECTION_AXES) -> np.ndarray:
+def section_points(
+    plane, tilt: float, angles: np.ndarray, noise: np.ndarray, semi_axes=SECTION_AXES
+) -> np.ndarray:
     """Points (…, n, 2) in (x, z) of ellipses about the origin in planes ``k x + y + k′z = 0``.
 
-    plane : (…, 3) of (k, k′, 0); tilt : rad, of the major axis against the horizontal; angles : (…, n) eccentric, from the crown;
+    plane : (…, 3) of (k, k′, 0); tilt : rad, of the major axis against the horizontal; angles : (…,
+        n) eccentric, from the crown;
     noise : (…, n, 2) m, along the two axes of the plane
     """
     k, kk, _ = np.moveaxis(np.asarray(plane, dtype=float), -1, 0)[..., None]
     normal = np.stack([k, np.ones_like(k), kk], axis=-1)
-    horizontal = np.stack([np.ones_like(k), -k, np.zeros_like(k)], axis=-1) / np.hypot(1.0, k)[..., None]
+    horizontal = (
+        np.stack([np.ones_like(k), -k, np.zeros_like(k)], axis=-1) / np.hypot(1.0, k)[..., None]
+    )
     upright = np.cross(horizontal, normal) / np.linalg.norm(normal, axis=-1, keepdims=True)
     c, s = np.cos(tilt), np.sin(tilt)
     p, q = semi_axes[0] * np.sin(angles), semi_axes[1] * np.cos(angles)
@@ -143,13 +167,16 @@ def failure_study(
     noise: float = NOISE,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """How often eq. (13) gives no ellipsoid, and what it gives otherwise, beside the ellipse in the plane.
+    """How often eq. (13) gives no ellipsoid, and what it gives otherwise, beside the ellipse in the
+    plane.
 
-    limits : k and k′ of the section planes are uniform up to ± this; points : of a section, over 270°; tilts_deg : of the ellipse in its
+    limits : k and k′ of the section planes are uniform up to ± this; points : of a section, over
+        270°; tilts_deg : of the ellipse in its
     plane; noise : m, of a point
 
-    Returns a row a case: `slope_limit`, `points`, `tilt_deg`, `imaginary` (share of the trials), `lambda2_median_m` (of the others) and
-    `major_rms_mm`, `minor_rms_mm` (errors of the semi-axes by the metric of the plane, from the same conics).
+    Returns a row a case: `slope_limit`, `points`, `tilt_deg`, `imaginary` (share of the trials),
+    `lambda2_median_m` (of the others) and `major_rms_mm`, `minor_rms_mm` (errors of the semi-axes
+    by the metric of the plane, from the same conics).
 
     >>> study = failure_study([0.02], [200], [0.0], trials=50)
     >>> bool(study["imaginary"][0] > 0.2), bool(study["minor_rms_mm"][0] < 1)
@@ -160,7 +187,9 @@ def failure_study(
         rng = np.random.default_rng(seed)
         plane = np.column_stack([limit * rng.uniform(-1.0, 1.0, (trials, 2)), np.zeros(trials)])
         angles = rng.uniform(-SEEN, SEEN, (trials, n))
-        xz = section_points(plane, np.deg2rad(tilt), angles, noise * rng.standard_normal((trials, n, 2)))
+        xz = section_points(
+            plane, np.deg2rad(tilt), angles, noise * rng.standard_normal((trials, n, 2))
+        )
         conic, _ = direct_from_points(xz, np.ones((trials, n)))
         found = ellipsoid(conic, plane)
         errors = 1000.0 * (semi_axes_in_plane(conic, plane) - SECTION_AXES)
@@ -170,7 +199,9 @@ def failure_study(
                 "points": n,
                 "tilt_deg": tilt,
                 "imaginary": np.mean(~found.real),
-                "lambda2_median_m": np.median(found.semi_axes[found.real, 1]) if found.real.any() else np.nan,
+                "lambda2_median_m": np.median(found.semi_axes[found.real, 1])
+                if found.real.any()
+                else np.nan,
                 "major_rms_mm": rms(errors[:, 0]),
                 "minor_rms_mm": rms(errors[:, 1]),
             }

@@ -1,7 +1,8 @@
-"""How well sections tell what has happened to a tunnel: one campaign in the tables of the paper, and the maxima of many.
+"""How well sections tell what has happened to a tunnel: one campaign in the tables of the paper,
+and the maxima of many.
 
-The tables have the form of tables 1 and 2 of Li et al. (2015), whose numbers are lost but for the three maxima; the truth, which the
-paper could not have, stands beside every number.
+The tables have the form of tables 1 and 2 of Li et al. (2015), whose numbers are lost but for the
+three maxima; the truth, which the paper could not have, stands beside every number.
 """
 
 from __future__ import annotations
@@ -14,7 +15,13 @@ import pandas as pd
 from analysis.methods import fit_ellipse
 from analysis.result import rms
 from analysis.surfaces.ellipse import EllipseFit
-from analysis.tunnel.outlines import hidden_deformation, ovality, quantities, residual_profile, split
+from analysis.tunnel.outlines import (
+    hidden_deformation,
+    ovality,
+    quantities,
+    residual_profile,
+    split,
+)
 from analysis.tunnel.sections import equal_angles
 from analysis.tunnel.significance import LIMITS, classes, differences, share_beyond
 
@@ -30,21 +37,30 @@ WITHIN = 0.001  # m, in which a maximum counts as recovered
 def registrations(cases: Mapping[str, Sequence[SimulatedSection]]) -> pd.DataFrame:
     """What registration leaves between the epochs: a row a case and section; lengths in mm.
 
-    Columns: `case`, `chainage_m`; `right_sd_mm`, `up_sd_mm`, standard deviations of the shift of the second epoch.
+    Columns: `case`, `chainage_m`; `right_sd_mm`, `up_sd_mm`, standard deviations of the shift of
+    the second epoch.
     """
     rows = []
     for words, sections in cases.items():
         for section in sections:
             right, up = 1e3 * np.sqrt(np.diagonal(section.registration))
-            rows.append({"case": words, "chainage_m": section.chainage, "right_sd_mm": right, "up_sd_mm": up})
+            rows.append(
+                {
+                    "case": words,
+                    "chainage_m": section.chainage,
+                    "right_sd_mm": right,
+                    "up_sd_mm": up,
+                }
+            )
     return pd.DataFrame(rows)
 
 
 def outlines(of: Sequence[Compared]) -> pd.DataFrame:
-    """Table 1 in form: a row a section of one campaign; the ellipses of both epochs, and the largest change beside the true one.
+    """Table 1 in form: a row a section of one campaign; the ellipses of both epochs, and the
+    largest change beside the true one.
 
-    Columns: `chainage_m`; `points_1`, `points_2`; `a_1_m`, `b_1_m`, `a_2_m`, `b_2_m`, semi-axes; `largest_mm`, `sd_mm`, `at_deg` of Δρ
-    with its sign; `true_mm`, `true_at_deg`.
+    Columns: `chainage_m`; `points_1`, `points_2`; `a_1_m`, `b_1_m`, `a_2_m`, `b_2_m`, semi-axes;
+    `largest_mm`, `sd_mm`, `at_deg` of Δρ with its sign; `true_mm`, `true_at_deg`.
     """
     rows = []
     for one in of:
@@ -71,9 +87,11 @@ def outlines(of: Sequence[Compared]) -> pd.DataFrame:
 
 
 def directions(of: Sequence[Compared], step: int = 1) -> pd.DataFrame:
-    """Table 2 in form: a row a direction of one campaign, every ``step``-th; a section's Δρ, its standard deviation and the truth, mm.
+    """Table 2 in form: a row a direction of one campaign, every ``step``-th; a section's Δρ, its
+    standard deviation and the truth, mm.
 
-    Columns: `angle_deg`; for every section `<chainage>_mm`, `<chainage>_sd_mm`, `<chainage>_true_mm`.
+    Columns: `angle_deg`; for every section `<chainage>_mm`, `<chainage>_sd_mm`,
+    `<chainage>_true_mm`.
     """
     table = {"angle_deg": np.degrees(of[0].change.angles[::step])}
     for one in of:
@@ -85,10 +103,12 @@ def directions(of: Sequence[Compared], step: int = 1) -> pd.DataFrame:
 
 
 def judged(of: Sequence[Compared]) -> pd.DataFrame:
-    """Convergence, settlement and ovality of one campaign beside the truth, a row a section and quantity.
+    """Convergence, settlement and ovality of one campaign beside the truth, a row a section and
+    quantity.
 
-    Columns as :func:`~analysis.tunnel.outlines.quantities`, with `chainage_m` for the number of the section, and `true`. True ovality
-    is that of the ellipse through the true outline: segments that stand before others change it by up to a few millimetres.
+    Columns as :func:`~analysis.tunnel.outlines.quantities`, with `chainage_m` for the number of the
+    section, and `true`. True ovality is that of the ellipse through the true outline: segments that
+    stand before others change it by up to a few millimetres.
     """
     frames = []
     for one in of:
@@ -105,13 +125,17 @@ def _true_ellipse(one: Compared, epoch: int) -> EllipseFit:
     """Best ellipse through the true outline in the directions compared."""
     angles = one.change.angles
     radii = one.section.tunnel.true_radius(angles, one.section.chainage, epoch)
-    return fit_ellipse(np.column_stack([radii * np.sin(angles), radii * np.cos(angles)]), "geometric")
+    return fit_ellipse(
+        np.column_stack([radii * np.sin(angles), radii * np.cos(angles)]), "geometric"
+    )
 
 
 def single_points(section: SimulatedSection, points: tuple[np.ndarray, np.ndarray]) -> pd.DataFrame:
-    """Differences as printed, of the single points nearest to each direction in three sub-planes, in one campaign.
+    """Differences as printed, of the single points nearest to each direction in three sub-planes,
+    in one campaign.
 
-    points : of both epochs (n, 3), as drawn. Columns: `chainage_m`, `plane` (−1, 0, 1), `angle_deg`, `difference_mm` (NaN in a gap),
+    points : of both epochs (n, 3), as drawn. Columns: `chainage_m`, `plane` (−1, 0, 1),
+        `angle_deg`, `difference_mm` (NaN in a gap),
     `class`, `radius_m` of the first epoch.
     """
     first, second = (equal_angles(section.section(epoch)) for epoch in points)
@@ -131,13 +155,18 @@ def single_points(section: SimulatedSection, points: tuple[np.ndarray, np.ndarra
 def class_shares(differences_of: pd.DataFrame) -> pd.DataFrame:
     """Shares of the classes in :func:`single_points` of several sections.
 
-    Returns a row a section: `chainage_m`, `seen_percent`, and of what is seen `blue_percent` and `red_percent`.
+    Returns a row a section: `chainage_m`, `seen_percent`, and of what is seen `blue_percent` and
+    `red_percent`.
     """
     rows = []
     for chainage, section in differences_of.groupby("chainage_m", sort=False):
         delta = 1e-3 * section["difference_mm"].to_numpy()
         beyond = [100.0 * share_beyond(delta, limit) for limit in LIMITS]
-        shares = {"seen_percent": 100.0 * np.mean(~np.isnan(delta)), "blue_percent": beyond[0] - beyond[1], "red_percent": beyond[1]}
+        shares = {
+            "seen_percent": 100.0 * np.mean(~np.isnan(delta)),
+            "blue_percent": beyond[0] - beyond[1],
+            "red_percent": beyond[1],
+        }
         rows.append({"chainage_m": chainage, **shares})
     return pd.DataFrame(rows)
 
@@ -145,16 +174,20 @@ def class_shares(differences_of: pd.DataFrame) -> pd.DataFrame:
 # --------------------------------------------------------------------------------- many campaigns
 
 
-def recovery(cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, seed: int) -> pd.DataFrame:
-    """The largest change of sections, and Δρ in all directions, over campaigns at the density of the scans.
+def recovery(
+    cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, seed: int
+) -> pd.DataFrame:
+    """The largest change of sections, and Δρ in all directions, over campaigns at the density of
+    the scans.
 
     cases : words -> sections
 
-    Returns a row a case and section, and one for all sections together: `case`, `section`, `true_mm` (size of the largest true change),
-    `largest_mm` (mean over the campaigns of the size of the largest Δρ), `largest_rms_mm` and `largest_worst_mm` (errors of it),
-    `within_percent` (campaigns with an error up to 1 mm) and its binomial standard error `within_se_percent`, `rmse_mm` of Δρ over
-    directions and campaigns; and of Δρ less its rigid part `rmse_within_mm`, and `within_worst_mm`, the worst error of the direction with
-    the largest true change.
+    Returns a row a case and section, and one for all sections together: `case`, `section`,
+    `true_mm` (size of the largest true change), `largest_mm` (mean over the campaigns of the size
+    of the largest Δρ), `largest_rms_mm` and `largest_worst_mm` (errors of it), `within_percent`
+    (campaigns with an error up to 1 mm) and its binomial standard error `within_se_percent`,
+    `rmse_mm` of Δρ over directions and campaigns; and of Δρ less its rigid part `rmse_within_mm`,
+    and `within_worst_mm`, the worst error of the direction with the largest true change.
     """
     rows = []
     for words, sections in cases.items():
@@ -166,7 +199,9 @@ def recovery(cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, se
 
 
 def _recovered(words: str, name: str, of: Sequence[Compared]) -> dict:
-    """A row of :func:`recovery`; of several sections together the largest change itself says nothing."""
+    """A row of :func:`recovery`; of several sections together the largest change itself says
+    nothing.
+    """
     true = np.array([np.abs(one.truth).max() for one in of])
     largest = np.array([np.abs(one.change.difference).max(axis=-1) for one in of])
     error = largest - true[:, None]
@@ -191,10 +226,12 @@ def _recovered(words: str, name: str, of: Sequence[Compared]) -> dict:
 
 
 def parts(of: Sequence[Compared]) -> pd.DataFrame:
-    """Rigid part and shape part of Δρ in one campaign, beside the truth, a row a section; lengths in mm.
+    """Rigid part and shape part of Δρ in one campaign, beside the truth, a row a section; lengths
+    in mm.
 
-    Columns: `chainage_m`; `mean_mm`, `right_mm`, `up_mm`, mean change of the radius and motion of the ring, with `right_sd_mm`,
-    `up_sd_mm`; `shape_mm`, the largest change of shape; and each again with `true_` in front.
+    Columns: `chainage_m`; `mean_mm`, `right_mm`, `up_mm`, mean change of the radius and motion of
+    the ring, with `right_sd_mm`, `up_sd_mm`; `shape_mm`, the largest change of shape; and each
+    again with `true_` in front.
     """
     rows = []
     for one in of:
@@ -205,7 +242,11 @@ def parts(of: Sequence[Compared]) -> pd.DataFrame:
             ("", found.mean[0], found.translation[0], found.shape[0]),
             ("true_", true.mean, true.translation, true.shape),
         ):
-            row |= {f"{prefix}mean_mm": 1e3 * mean, f"{prefix}right_mm": 1e3 * motion[0], f"{prefix}up_mm": 1e3 * motion[1]}
+            row |= {
+                f"{prefix}mean_mm": 1e3 * mean,
+                f"{prefix}right_mm": 1e3 * motion[0],
+                f"{prefix}up_mm": 1e3 * motion[1],
+            }
             row[f"{prefix}shape_mm"] = 1e3 * np.abs(shape).max()
         rows.append(row | {"right_sd_mm": right_sd, "up_sd_mm": up_sd})
     return pd.DataFrame(rows)
@@ -214,25 +255,39 @@ def parts(of: Sequence[Compared]) -> pd.DataFrame:
 def shares(one: Compared) -> pd.DataFrame:
     """Δρ of one campaign and what :func:`parts` divides it into, a row a direction.
 
-    Columns: `chainage_m`, `angle_deg`; `difference_mm`, `rigid_mm`, `shape_mm` (with the mean); and each again with `true_` in front.
+    Columns: `chainage_m`, `angle_deg`; `difference_mm`, `rigid_mm`, `shape_mm` (with the mean); and
+    each again with `true_` in front.
     """
     found, true = split(one.change), true_split(one.change.angles, one.truth)
-    columns = {"difference": one.change.difference[0], "rigid": found.rigid[0], "shape": (found.mean[..., None] + found.shape)[0]}
-    columns |= {"true_difference": one.truth, "true_rigid": true.rigid, "true_shape": true.mean + true.shape}
+    columns = {
+        "difference": one.change.difference[0],
+        "rigid": found.rigid[0],
+        "shape": (found.mean[..., None] + found.shape)[0],
+    }
+    columns |= {
+        "true_difference": one.truth,
+        "true_rigid": true.rigid,
+        "true_shape": true.mean + true.shape,
+    }
     table = {f"{name}_mm": 1e3 * values for name, values in columns.items()}
-    return pd.DataFrame({"chainage_m": one.section.chainage, "angle_deg": np.degrees(one.change.angles)} | table)
+    return pd.DataFrame(
+        {"chainage_m": one.section.chainage, "angle_deg": np.degrees(one.change.angles)} | table
+    )
 
 
 def hidden(one: Compared) -> pd.DataFrame:
-    """What the ellipses of one campaign show of a change and what they hide, a row a direction; lengths in mm.
+    """What the ellipses of one campaign show of a change and what they hide, a row a direction;
+    lengths in mm.
 
-    Columns: `angle_deg`; `ellipse_mm`, `ellipse_sd_mm`, the change of the ellipses; `hidden_mm`, `hidden_sd_mm`, the change of what they
-    leave as residuals; `together_mm`, their sum; `true_mm`.
+    Columns: `angle_deg`; `ellipse_mm`, `ellipse_sd_mm`, the change of the ellipses; `hidden_mm`,
+    `hidden_sd_mm`, the change of what they leave as residuals; `together_mm`, their sum; `true_mm`.
     """
     profiles = []
     for points, fit in zip(one.points, one.ellipses, strict=True):
         plane = points[0, :, :2]
-        profiles.append(residual_profile(plane, fit_ellipse(plane, fit.method), POLE, angles=one.change.angles))
+        profiles.append(
+            residual_profile(plane, fit_ellipse(plane, fit.method), POLE, angles=one.change.angles)
+        )
     rest = hidden_deformation(*profiles)
     ellipse = 1e3 * one.change.difference[0]
     return pd.DataFrame(

@@ -1,11 +1,14 @@
-"""Single sections of the simulated campaign in both epochs: drawn again and again, in the section's own plane, beside the truth.
+"""Single sections of the simulated campaign in both epochs: drawn again and again, in the section's
+own plane, beside the truth.
 
-A section is what the stations of the campaign see in its slab (:mod:`studies.simulation.tunnel.slab`). Its frame is that of
-the design axis: u to the right, v up, w along; leaving w away is the projection of the slab onto the plane of the section. How well
-an axis is found from scans is another matter; a wrong pole moves both epochs alike.
+A section is what the stations of the campaign see in its slab
+(:mod:`studies.simulation.tunnel.slab`). Its frame is that of the design axis: u to the right, v up,
+w along; leaving w away is the projection of the slab onto the plane of the section. How well an
+axis is found from scans is another matter; a wrong pole moves both epochs alike.
 
-A station that is off by a registration error shifts its points in the plane of the section, all alike. The errors of all stations
-of both epochs are drawn together, from the covariance that their registration states (:mod:`analysis.tunnel.block_adjustment`).
+A station that is off by a registration error shifts its points in the plane of the section, all
+alike. The errors of all stations of both epochs are drawn together, from the covariance that their
+registration states (:mod:`analysis.tunnel.block_adjustment`).
 """
 
 from __future__ import annotations
@@ -23,7 +26,16 @@ from analysis.tunnel.block_adjustment import Block
 from analysis.tunnel.outlines import ANGLES, Deformation, Split, deformation, split
 from analysis.tunnel.sections import Section
 
-from ..simulation.tunnel import CODES, EPOCHS, FULL_DENSITY, SectionScan, Tunnel, section_points, section_scan, survey
+from ..simulation.tunnel import (
+    CODES,
+    EPOCHS,
+    FULL_DENSITY,
+    SectionScan,
+    Tunnel,
+    section_points,
+    section_scan,
+    survey,
+)
 from ..simulation.tunnel.slab import THICKNESS
 
 POLE = np.zeros(2)  # the axis point
@@ -37,8 +49,9 @@ class SimulatedSection:
 
     tunnel : with the truth; chainage : m; scans : of the first and the second epoch
     stations : how many each epoch has
-    shifts : (2K, 2K) covariance in m² of what registration errors do to the points of all K stations, (right, up) of the first
-        station of the first epoch first; zeros where there are none
+    shifts : (2K, 2K) covariance in m² of what registration errors do to the points of all K
+        stations, (right, up) of the first station of the first epoch first; zeros where there are
+        none
     """
 
     tunnel: Tunnel
@@ -52,37 +65,58 @@ class SimulatedSection:
         return self.tunnel.deformation(np.asarray(angles), self.chainage)
 
     def lining(self) -> SimulatedSection:
-        """The section with nothing but the points of the lining, as a filter that makes no mistakes would leave it."""
-        return replace(self, scans=tuple(_chosen(scan, scan.codes == CODES["lining"]) for scan in self.scans))
+        """The section with nothing but the points of the lining, as a filter that makes no mistakes
+        would leave it.
+        """
+        return replace(
+            self, scans=tuple(_chosen(scan, scan.codes == CODES["lining"]) for scan in self.scans)
+        )
 
     def registered(self, block: Block) -> SimulatedSection:
-        """The section with the errors that the registration of all stations, those of the first epoch first, states.
+        """The section with the errors that the registration of all stations, those of the first
+        epoch first, states.
 
         Raises ``ValueError`` for another number of stations.
         """
         if len(block.stations) != sum(self.stations):
-            raise ValueError(f"block: expected {sum(self.stations)} stations, those of both epochs, got {len(block.stations)}")
+            raise ValueError(
+                f"block: expected {sum(self.stations)} stations, those of both epochs, got {len(block.stations)}"
+            )
         axis = self.tunnel.alignment
-        return replace(self, shifts=block.shifts(axis.position(self.chainage), axis.frame(self.chainage)[[0, 2]]))
+        return replace(
+            self,
+            shifts=block.shifts(axis.position(self.chainage), axis.frame(self.chainage)[[0, 2]]),
+        )
 
     @property
     def registration(self) -> np.ndarray:
         """Covariance (2, 2) in m² of the section's shift (right, up) between the epochs.
 
-        An epoch is shifted by ``Σ (n_k/n) s_k``, n_k of its n points being of station k, which is off by s_k.
+        An epoch is shifted by ``Σ (n_k/n) s_k``, n_k of its n points being of station k, which is
+        off by s_k.
         """
-        parts = [np.bincount(scan.stations, minlength=count) / len(scan) for scan, count in zip(self.scans, self.stations, strict=True)]
+        parts = [
+            np.bincount(scan.stations, minlength=count) / len(scan)
+            for scan, count in zip(self.scans, self.stations, strict=True)
+        ]
         A = np.kron(np.concatenate([-parts[0], parts[1]]), np.eye(2))
         return A @ self.shifts @ A.T
 
-    def drawn(self, campaigns: int, seed: int, *, n_points: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Points (B, n, 3) in m of each epoch in B campaigns: right, up and along, from the axis point.
+    def drawn(
+        self, campaigns: int, seed: int, *, n_points: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Points (B, n, 3) in m of each epoch in B campaigns: right, up and along, from the axis
+        point.
 
-        With ``n_points`` each campaign sees so many of the section's points, which ones changes from campaign to campaign.
-        The draws differ between sections and epochs, and those of campaign i do not hang on B.
+        With ``n_points`` each campaign sees so many of the section's points, which ones changes
+        from campaign to campaign. The draws differ between sections and epochs, and those of
+        campaign i do not hang on B.
         """
         shifts = np.split(self._shifted(campaigns, seed), [self.stations[0]], axis=1)
-        return tuple(self._drawn(scan, campaigns, seed, of_epoch, n_points) for scan, of_epoch in zip(self.scans, shifts, strict=True))
+        return tuple(
+            self._drawn(scan, campaigns, seed, of_epoch, n_points)
+            for scan, of_epoch in zip(self.scans, shifts, strict=True)
+        )
 
     def _children(self, campaigns: int, seed: int, part: int) -> list[np.random.SeedSequence]:
         return np.random.SeedSequence((seed, round(1000 * self.chainage), part)).spawn(campaigns)
@@ -92,13 +126,19 @@ class SimulatedSection:
         values, vectors = np.linalg.eigh(self.shifts)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         children = self._children(campaigns, seed, BOTH)
-        drawn = np.array([np.random.default_rng(child).standard_normal(len(root)) for child in children])
+        drawn = np.array(
+            [np.random.default_rng(child).standard_normal(len(root)) for child in children]
+        )
         return (drawn @ root.T).reshape(campaigns, -1, 2)
 
-    def _drawn(self, scan: SectionScan, campaigns: int, seed: int, shifts: np.ndarray, n_points: int | None) -> np.ndarray:
+    def _drawn(
+        self, scan: SectionScan, campaigns: int, seed: int, shifts: np.ndarray, n_points: int | None
+    ) -> np.ndarray:
         axis, clouds = self.tunnel.alignment, []
         origin, turn = axis.position(self.chainage), axis.frame(self.chainage)[[0, 2, 1]].T
-        for child, of_stations in zip(self._children(campaigns, seed, scan.epoch), shifts, strict=True):
+        for child, of_stations in zip(
+            self._children(campaigns, seed, scan.epoch), shifts, strict=True
+        ):
             which, noise = child.generate_state(2).tolist()
             seen = scan if n_points is None else scan.sample(n_points, which)
             cloud = (section_points(seen, 1, noise)[0] - origin) @ turn
@@ -107,21 +147,33 @@ class SimulatedSection:
         return np.stack(clouds)
 
     def section(self, points: np.ndarray) -> Section:
-        """Points (n, 3) of one campaign and epoch, as drawn, in the form that sections cut from a scan have."""
+        """Points (n, 3) of one campaign and epoch, as drawn, in the form that sections cut from a
+        scan have.
+        """
         axis = self.tunnel.alignment
         right, along, up = axis.frame(self.chainage)
         frame = axis.position(self.chainage), right, up, along
-        return Section(self.chainage, self.chainage, *frame, THICKNESS, np.arange(len(points)), *points.T)
+        return Section(
+            self.chainage, self.chainage, *frame, THICKNESS, np.arange(len(points)), *points.T
+        )
 
 
 def _chosen(scan: SectionScan, keep: np.ndarray) -> SectionScan:
-    return replace(scan, **{name: getattr(scan, name)[keep] for name in ("points", "roots", "codes", "stations")})
+    return replace(
+        scan,
+        **{name: getattr(scan, name)[keep] for name in ("points", "roots", "codes", "stations")},
+    )
 
 
 def simulated_sections(
-    tunnel: Tunnel, chainages: Sequence[float], density: float = FULL_DENSITY, *, workers: int | None = None
+    tunnel: Tunnel,
+    chainages: Sequence[float],
+    density: float = FULL_DENSITY,
+    *,
+    workers: int | None = None,
 ) -> tuple[SimulatedSection, ...]:
-    """The sections at these chainages (m), cast with ``density`` beams a station, without registration errors.
+    """The sections at these chainages (m), cast with ``density`` beams a station, without
+    registration errors.
 
     Work is spread over ``workers`` processes, which changes nothing.
 
@@ -132,19 +184,29 @@ def simulated_sections(
     """
     epochs = survey(tunnel)
     tasks = [(chainage, epochs[number - 1].stations) for chainage in chainages for number in EPOCHS]
-    workers = min(len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers")))
+    workers = min(
+        len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers"))
+    )
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         parallel = joblib.Parallel(max_nbytes=None)
-        scans = parallel(joblib.delayed(section_scan)(tunnel, setups, chainage, density) for chainage, setups in tasks)
+        scans = parallel(
+            joblib.delayed(section_scan)(tunnel, setups, chainage, density)
+            for chainage, setups in tasks
+        )
     pairs = zip(scans[::2], scans[1::2], strict=True)
     stations = tuple(len(epoch.stations) for epoch in epochs)
     nothing = np.zeros((2 * sum(stations), 2 * sum(stations)))
-    return tuple(SimulatedSection(tunnel, float(at), pair, stations, nothing) for at, pair in zip(chainages, pairs, strict=True))
+    return tuple(
+        SimulatedSection(tunnel, float(at), pair, stations, nothing)
+        for at, pair in zip(chainages, pairs, strict=True)
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A simulated section in B campaigns: points of each epoch (B, n, 3), ellipses, change Δρ about the axis point, and the true δ (K,)."""
+    """A simulated section in B campaigns: points of each epoch (B, n, 3), ellipses, change Δρ about
+    the axis point, and the true δ (K,).
+    """
 
     section: SimulatedSection
     points: tuple[np.ndarray, np.ndarray]
@@ -159,8 +221,12 @@ class Compared:
 
     @property
     def errors_within(self) -> np.ndarray:
-        """(B, K) of Δρ less its rigid part, in m: what a shift of the section, such as a registration error, cannot touch."""
-        return self.errors - (split(self.change).rigid - true_split(self.change.angles, self.truth).rigid)
+        """(B, K) of Δρ less its rigid part, in m: what a shift of the section, such as a
+        registration error, cannot touch.
+        """
+        return self.errors - (
+            split(self.change).rigid - true_split(self.change.angles, self.truth).rigid
+        )
 
 
 def compared(
@@ -172,7 +238,9 @@ def compared(
     angles: np.ndarray = ANGLES,
     method: str = "robust",
 ) -> Compared:
-    """Draw a section in B campaigns, fit an ellipse to every epoch of each, and compare the epochs in directions ``angles`` (K,)."""
+    """Draw a section in B campaigns, fit an ellipse to every epoch of each, and compare the epochs
+    in directions ``angles`` (K,).
+    """
     points = section.drawn(campaigns, seed, n_points=n_points)
     ellipses = tuple(fit_ellipse(epoch[..., :2], method) for epoch in points)
     change = deformation(*ellipses, pole=POLE, angles=angles, registration=section.registration)

@@ -1,13 +1,26 @@
-"""The verdicts on Li and others (2015), whose tables are lost: the campaign is taken over, what came out of it cannot be checked.
+"""The verdicts on Li and others (2015), whose tables are lost: the campaign is taken over, what
+came out of it cannot be checked.
 
-The simulated tunnel is given the printed deformations; notebooks 08 and 09 say what scanning, registration and ellipses make of them.
+The simulated tunnel is given the printed deformations; notebooks 08 and 09 say what scanning,
+registration and ellipses make of them.
 """
 
 from __future__ import annotations
 
 import math
 
-from ..printed.judgement import CAUSE, CONSISTENT, NOT_CHECKABLE, REPRODUCED, Evaluator, Judgement, Results, always, refuted_if, setting
+from ..printed.judgement import (
+    CAUSE,
+    CONSISTENT,
+    NOT_CHECKABLE,
+    REPRODUCED,
+    Evaluator,
+    Judgement,
+    Results,
+    always,
+    refuted_if,
+    setting,
+)
 from ..printed.relation import printed
 
 PAPER = "li_2015/"
@@ -34,20 +47,31 @@ _SETTINGS = (
 
 
 def largest_deformations(number, results: Results) -> Judgement:
-    """The printed maxima: the truth of the simulated tunnel, so that only their recovery can be judged."""
+    """The printed maxima: the truth of the simulated tunnel, so that only their recovery can be
+    judged.
+    """
     recovery = results[f"{DEFORMATION}_recovery"].set_index("case")["largest_rms_mm"]
-    scans, singly, jointly = (recovery[case].max() for case in ("noise alone", "stations registered singly", "joint adjustment"))
+    scans, singly, jointly = (
+        recovery[case].max()
+        for case in ("noise alone", "stations registered singly", "joint adjustment")
+    )
     registered = f"with stations registered singly to {singly:.1f} mm, jointly to {jointly:.1f} mm"
     why = f"{_NO_SCANS}; given to the simulated tunnel and found again to {scans:.1f} mm, {registered}"
     return Judgement(NOT_CHECKABLE, why, DEFORMATION)
 
 
 def joints(number, results: Results) -> Judgement:
-    """The error between neighbouring stations, printed as a limit, beside that of the simulated stations."""
+    """The error between neighbouring stations, printed as a limit, beside that of the simulated
+    stations.
+    """
     found = results[f"{CAMPAIGN}_joints"]
     within, coordinate = found["within_percent"].mean(), found["stated_mm"].mean() / math.sqrt(3)
     if within > 95:
-        return Judgement(REPRODUCED, "so it is nearly everywhere on the wall between simulated stations", CAMPAIGN)
+        return Judgement(
+            REPRODUCED,
+            "so it is nearly everywhere on the wall between simulated stations",
+            CAMPAIGN,
+        )
     why = f"simulated stations are so near at {within:.0f} % of the wall between them: {coordinate:.1f} mm is their standard deviation"
     return Judgement(CAUSE, why, CAMPAIGN)
 
@@ -69,7 +93,10 @@ def _a_dent_is_hidden(results: Results) -> bool:
     return abs(deepest["ellipse_mm"]) < 0.5 * abs(deepest["true_mm"])
 
 
-_TEXT: dict[str, Evaluator] = {name: setting(CAMPAIGN, "a fact of the campaign, taken over into the simulation") for name in _SETTINGS}
+_TEXT: dict[str, Evaluator] = {
+    name: setting(CAMPAIGN, "a fact of the campaign, taken over into the simulation")
+    for name in _SETTINGS
+}
 _TEXT |= {
     "max_deformation": largest_deformations,
     "scanner_precision": always(NOT_CHECKABLE, "a property of the instrument", CAMPAIGN),
@@ -77,11 +104,17 @@ _TEXT |= {
     "scanner_range": always(NOT_CHECKABLE, "a property of the instrument", CAMPAIGN),
     "epochs": always(NOT_CHECKABLE, "a date", CAMPAIGN),
     "registration": joints,
-    "claim_crown_and_sides": always(NOT_CHECKABLE, _NO_SCANS + "; the simulated tunnel moves where it is told to", DEFORMATION),
-    "claim_vertical_over_horizontal": always(NOT_CHECKABLE, _NO_SCANS + "; tables 1 and 2, which would show it, are lost", DEFORMATION),
+    "claim_crown_and_sides": always(
+        NOT_CHECKABLE, _NO_SCANS + "; the simulated tunnel moves where it is told to", DEFORMATION
+    ),
+    "claim_vertical_over_horizontal": always(
+        NOT_CHECKABLE, _NO_SCANS + "; tables 1 and 2, which would show it, are lost", DEFORMATION
+    ),
     "claim_stickers": stickers,
     "claim_every_direction": refuted_if(
-        _a_dent_is_hidden, "true of what an ellipse can follow, away from the track bed: a dent stays hidden in its residuals", DEFORMATION
+        _a_dent_is_hidden,
+        "true of what an ellipse can follow, away from the track bed: a dent stays hidden in its residuals",
+        DEFORMATION,
     ),
 }
 

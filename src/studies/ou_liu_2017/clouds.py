@@ -1,13 +1,15 @@
 """The simulated point clouds of the papers, as committed and redrawn.
 
-The sphere of Ou & Liu (2017). Section 2.1 of the paper gives the sphere (eq. 19), the range x, y ∈ [0, 20] m and 500 points, and
-blames the deviations in table 1 on the number of digits kept: the noise is the rounding of the
-coordinates, and nothing else. A step of 0.01 m explains the printed σs: rounding leaves
-0.01 m / √12 = 2.89 mm in every direction, hence √(496/500) of it, 2.87 mm, after a fit of four
-parameters, beside the printed 2.82 mm. The errors printed for LS, 1.6 mm in c and 1.4 mm in r,
-are those of points on the upper cap; points on the whole sphere would leave a tenth of them.
+The sphere of Ou & Liu (2017). Section 2.1 of the paper gives the sphere (eq. 19), the range x, y ∈
+[0, 20] m and 500 points, and blames the deviations in table 1 on the number of digits kept: the
+noise is the rounding of the coordinates, and nothing else. A step of 0.01 m explains the printed
+σs: rounding leaves 0.01 m / √12 = 2.89 mm in every direction, hence √(496/500) of it, 2.87 mm,
+after a fit of four parameters, beside the printed 2.82 mm. The errors printed for LS, 1.6 mm in c
+and 1.4 mm in r, are those of points on the upper cap; points on the whole sphere would leave a
+tenth of them.
 
-Sources: Ou & Liu (2017), section 2.1, doi:10.7510/jgjs.issn.1001-3806.2017.05.026; Wu, Chen & Wang, section 3.
+Sources: Ou & Liu (2017), section 2.1, doi:10.7510/jgjs.issn.1001-3806.2017.05.026; Wu, Chen & Wang,
+section 3.
 """
 
 from __future__ import annotations
@@ -38,7 +40,10 @@ SPHERE_FILES = {
     True: SIMULATED / "ou_liu_2017_sphere_gross.csv",
 }
 
-def sphere_cloud(generator: np.random.Generator, n: int = SPHERE_POINTS, decimals: int = SPHERE_DECIMALS) -> NDArray[np.float64]:
+
+def sphere_cloud(
+    generator: np.random.Generator, n: int = SPHERE_POINTS, decimals: int = SPHERE_DECIMALS
+) -> NDArray[np.float64]:
     """Draw a cloud on the upper cap of the sphere of eq. (19).
 
         x, y ~ U(0, 20) m,   z = 1 + √(200 - (x - 10)² - (y - 10)²) m,   rounded to `decimals`
@@ -194,10 +199,7 @@ def _on_cap(plan: NDArray[np.float64], decimals: int) -> NDArray[np.float64]:
 
 
 def _moved_inside(
-    points: NDArray[np.float64],
-    depths: NDArray[np.float64],
-    numbers: Sequence[int],
-    decimals: int,
+    points: NDArray[np.float64], depths: NDArray[np.float64], numbers: Sequence[int], decimals: int
 ) -> NDArray[np.float64]:
     """Return a copy of (…, n, 3) points, those in `numbers` moved inwards by depths (…, k), m."""
     moved = points.copy()

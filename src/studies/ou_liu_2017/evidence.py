@@ -1,10 +1,12 @@
 """What the printed numbers of Ou & Liu (2017) say about the simulated cloud they belong to.
 
-The points were never published. That the cloud of :mod:`studies.ou_liu_2017.clouds` is of their kind follows
-from the printed numbers themselves, and each function here is one such argument: the noise is the
-rounding to 0.01 m, the points lie on the upper cap alone, the gross errors lie inside the sphere.
+The points were never published. That the cloud of :mod:`studies.ou_liu_2017.clouds` is of their
+kind follows from the printed numbers themselves, and each function here is one such argument: the
+noise is the rounding to 0.01 m, the points lie on the upper cap alone, the gross errors lie inside
+the sphere.
 
-Source: Ou & Liu (2017), section 2.1 and tables 1 and 2, doi:10.7510/jgjs.issn.1001-3806.2017.05.026.
+Source: Ou & Liu (2017), section 2.1 and tables 1 and 2,
+doi:10.7510/jgjs.issn.1001-3806.2017.05.026.
 """
 
 from __future__ import annotations
@@ -31,7 +33,11 @@ def printed(table: int, method: str = "ls") -> dict[str, float]:
     >>> printed(1)["sigma_s_m"]
     0.00282
     """
-    return {number.quantity: number.value for number in printed_numbers(table) if number.method == method}
+    return {
+        number.quantity: number.value
+        for number in printed_numbers(table)
+        if number.method == method
+    }
 
 
 def true_distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -43,11 +49,14 @@ def true_distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.linalg.norm(points - SPHERE_CENTER, axis=1) - SPHERE_RADIUS
 
 
-def distance_histogram(clean: NDArray[np.float64], width: float = 0.5e-3, step: float = 0.01) -> pd.DataFrame:
-    """How the true distances of a cloud are spread, beside the normal law of the standard deviation step/√12.
+def distance_histogram(
+    clean: NDArray[np.float64], width: float = 0.5e-3, step: float = 0.01
+) -> pd.DataFrame:
+    """How the true distances of a cloud are spread, beside the normal law of the standard deviation
+    step/√12.
 
-    Columns: lower_m and upper_m, the limits of a class of the given width; count, the points in it; expected, what
-    the normal law expects. The classes reach to where all points are in.
+    Columns: lower_m and upper_m, the limits of a class of the given width; count, the points in it;
+    expected, what the normal law expects. The classes reach to where all points are in.
 
     >>> histogram = distance_histogram(np.array([[10.0, 10.0, 1.0004 + SPHERE_RADIUS]]))
     >>> histogram[["lower_m", "upper_m", "count"]]
@@ -61,14 +70,23 @@ def distance_histogram(clean: NDArray[np.float64], width: float = 0.5e-3, step: 
     law = NormalDist(0.0, step / math.sqrt(12.0))
     shares = np.diff([law.cdf(edge) for edge in edges])
     counts = np.histogram(distances, edges)[0]
-    return pd.DataFrame({"lower_m": edges[:-1], "upper_m": edges[1:], "count": counts, "expected": len(clean) * shares})
+    return pd.DataFrame(
+        {
+            "lower_m": edges[:-1],
+            "upper_m": edges[1:],
+            "count": counts,
+            "expected": len(clean) * shares,
+        }
+    )
 
 
 def rounding(steps: tuple[float, ...] = (0.1, 0.01, 0.001)) -> pd.DataFrame:
-    """What rounding the coordinates to each of the steps would leave in table 1, beside what is printed.
+    """What rounding the coordinates to each of the steps would leave in table 1, beside what is
+    printed.
 
-    An error uniform in ±step/2 has the standard deviation step/√12 along every axis, and so along the
-    normal of the sphere: ``σs = step/√12 · √((n − 4)/n)`` after a fit, ``σ0 = 2R · step/√12`` in m².
+    An error uniform in ±step/2 has the standard deviation step/√12 along every axis, and so along
+    the normal of the sphere: ``σs = step/√12 · √((n − 4)/n)`` after a fit, ``σ0 = 2R · step/√12``
+    in m².
 
     Columns: step_m, sigma_s_m and sigma_0_m2 expected, and the printed ones over the expected ones.
 
@@ -78,7 +96,10 @@ def rounding(steps: tuple[float, ...] = (0.1, 0.01, 0.001)) -> pd.DataFrame:
     """
     table = printed(1)
     noise = np.array(steps) / np.sqrt(12.0)
-    expected = {"sigma_s_m": noise * np.sqrt(1 - PARAMETERS / SPHERE_POINTS), "sigma_0_m2": 2 * SPHERE_RADIUS * noise}
+    expected = {
+        "sigma_s_m": noise * np.sqrt(1 - PARAMETERS / SPHERE_POINTS),
+        "sigma_0_m2": 2 * SPHERE_RADIUS * noise,
+    }
     frame = pd.DataFrame({"step_m": steps} | expected)
     frame["sigma_s_ratio"] = table["sigma_s_m"] / frame["sigma_s_m"]
     frame["sigma_0_ratio"] = table["sigma_0"] / frame["sigma_0_m2"]
@@ -86,10 +107,12 @@ def rounding(steps: tuple[float, ...] = (0.1, 0.01, 0.001)) -> pd.DataFrame:
 
 
 def cap_or_sphere(clean: NDArray[np.float64]) -> pd.DataFrame:
-    """LS standard deviations with all points on the upper cap and with every second one mirrored to the lower.
+    """LS standard deviations with all points on the upper cap and with every second one mirrored to
+    the lower.
 
-    Columns: points; sd_c_m and sd_r_m, standard deviations of the height of the centre and of the radius; and
-    the LS errors printed in table 1 divided by them. An error of many standard deviations does not happen.
+    Columns: points; sd_c_m and sd_r_m, standard deviations of the height of the centre and of the
+    radius; and the LS errors printed in table 1 divided by them. An error of many standard
+    deviations does not happen.
 
     Parameters: clean, (n, 3) points on the cap, m.
     """
@@ -112,15 +135,24 @@ def cap_or_sphere(clean: NDArray[np.float64]) -> pd.DataFrame:
 
 
 def inside_or_outside(clean: NDArray[np.float64], gross: NDArray[np.float64]) -> pd.DataFrame:
-    """``σ0/(2Rσs)`` of the LS fit with the gross errors inside the sphere, with the same outside, and as printed.
+    """``σ0/(2Rσs)`` of the LS fit with the gross errors inside the sphere, with the same outside,
+    and as printed.
 
-    A residual is ``r = d (2R + d)``, so the ratio is near 1 + d/(2R) of the gross distances d: below 1 says inside.
+    A residual is ``r = d (2R + d)``, so the ratio is near 1 + d/(2R) of the gross distances d:
+    below 1 says inside.
 
     Parameters: clean and gross, (n, 3) clouds that differ in the gross errors alone, m.
     """
     table = printed(2)
-    rows = [{"gross errors": "as printed", "ratio": table["sigma_0"] / (2 * SPHERE_RADIUS * table["sigma_s_m"])}]
+    rows = [
+        {
+            "gross errors": "as printed",
+            "ratio": table["sigma_0"] / (2 * SPHERE_RADIUS * table["sigma_s_m"]),
+        }
+    ]
     for name, points in (("inside", gross), ("outside", 2 * clean - gross)):
         fit = fit_sphere(points, "ls")
-        rows.append({"gross errors": name, "ratio": fit.sigma_0 / (2 * SPHERE_RADIUS * fit.sigma_s)})
+        rows.append(
+            {"gross errors": name, "ratio": fit.sigma_0 / (2 * SPHERE_RADIUS * fit.sigma_s)}
+        )
     return pd.DataFrame(rows)

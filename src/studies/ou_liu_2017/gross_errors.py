@@ -1,6 +1,8 @@
-"""Gross errors of other sizes than those of the committed cloud: the paper prints their numbers and calls them random, no more.
+"""Gross errors of other sizes than those of the committed cloud: the paper prints their numbers and
+calls them random, no more.
 
-All laws leave, in the mean, the sum of squares that the printed σs of LS in table 2 asks for, 500 σs² ≈ 20 m² for five errors.
+All laws leave, in the mean, the sum of squares that the printed σs of LS in table 2 asks for, 500
+σs² ≈ 20 m² for five errors.
 """
 
 from __future__ import annotations
@@ -11,9 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..printed import printed_numbers
-from .clouds import GROSS_DEPTH, GROSS_POINTS, SPHERE_CENTER, SPHERE_DECIMALS, SPHERE_POINTS, sphere_redraws
+from .clouds import (
+    GROSS_DEPTH,
+    GROSS_POINTS,
+    SPHERE_CENTER,
+    SPHERE_DECIMALS,
+    SPHERE_POINTS,
+    sphere_redraws,
+)
 
-_SIGMA_S = next(number.value for number in printed_numbers(2) if (number.method, number.quantity) == ("ls", "sigma_s_m"))
+_SIGMA_S = next(
+    number.value
+    for number in printed_numbers(2)
+    if (number.method, number.quantity) == ("ls", "sigma_s_m")
+)
 ROOT_MEAN_SQUARE = math.sqrt(SPHERE_POINTS * _SIGMA_S**2 / len(GROSS_POINTS))  # m, of a gross error
 WIDEST = math.sqrt(3) * ROOT_MEAN_SQUARE  # m, of a uniform law from 0 with that root mean square
 
@@ -28,7 +41,8 @@ COMMITTED, ANY_SIZE = "1.5 to 2.6 m inside", "0 to 3.5 m inside"
 
 
 def redraws_of_size(law: str, trials: int, seed: int) -> NDArray[np.float64]:
-    """(B, 500, 3) clouds of table 2 with gross errors of one of the `SIZES`; trial i has the good points of `sphere_redraws`.
+    """(B, 500, 3) clouds of table 2 with gross errors of one of the `SIZES`; trial i has the good
+    points of `sphere_redraws`.
 
     >>> clouds = redraws_of_size("1.5 to 2.6 m inside", 2, 1)
     >>> bool(np.all(clouds[:, 0] == sphere_redraws(2, 1)[:, 0]))
@@ -39,7 +53,9 @@ def redraws_of_size(law: str, trials: int, seed: int) -> NDArray[np.float64]:
     depths = np.empty((trials, len(rows)))
     for trial, child in enumerate(np.random.SeedSequence([seed, len(rows)]).spawn(trials)):
         generator = np.random.default_rng(child)
-        depths[trial] = SIZES[law](generator.uniform(size=len(rows)), generator.standard_normal(len(rows)))
+        depths[trial] = SIZES[law](
+            generator.uniform(size=len(rows)), generator.standard_normal(len(rows))
+        )
     radial = points[:, rows] - SPHERE_CENTER
     radial /= np.linalg.norm(radial, axis=-1, keepdims=True)
     points[:, rows] = np.round(points[:, rows] - depths[..., None] * radial, SPHERE_DECIMALS)

@@ -1,9 +1,11 @@
-"""What may the authors have done? Hypotheses about tables 1 to 3, simulated, with the likelihood of the printed numbers under each.
+"""What may the authors have done? Hypotheses about tables 1 to 3, simulated, with the likelihood of
+the printed numbers under each.
 
-The likelihood of a printed row is the probability that a redraw, rounded as printed, gives just that row. It is estimated by a
-Gaussian kernel over the redraws of (a, b, c, r, ln σ0, ln σs), summed over the signs that are not printed (`log_likelihood`).
-Only differences count: 2 means that one hypothesis makes the row a hundred times as likely as the other. Far from all
-redraws nothing can be estimated, and "below -30" is all that is said.
+The likelihood of a printed row is the probability that a redraw, rounded as printed, gives just
+that row. It is estimated by a Gaussian kernel over the redraws of (a, b, c, r, ln σ0, ln σs),
+summed over the signs that are not printed (`log_likelihood`). Only differences count: 2 means that
+one hypothesis makes the row a hundred times as likely as the other. Far from all redraws nothing
+can be estimated, and "below -30" is all that is said.
 
 Source: Ou & Liu (2017), tables 1 to 3, doi:10.7510/jgjs.issn.1001-3806.2017.05.026.
 """
@@ -26,12 +28,21 @@ from ..montecarlo import sphere_study
 from ..paths import RESULTS
 from ..printed import METHODS, printed_numbers
 from ..printed.relation import printed, row
-from .clouds import SEED, SPHERE_CENTER, SPHERE_DECIMALS, SPHERE_POINTS, SPHERE_RADIUS, SPHERE_SIDE, sphere_redraws
+from .clouds import (
+    SEED,
+    SPHERE_CENTER,
+    SPHERE_DECIMALS,
+    SPHERE_POINTS,
+    SPHERE_RADIUS,
+    SPHERE_SIDE,
+    sphere_redraws,
+)
 from .gross_errors import ANY_SIZE, COMMITTED, SIZES, redraws_of_size
 from .rows import radius_with_wrong_sign
 
 TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
-UNIT_WEIGHTS = np.geomspace(0.05, 12.8, 33)  # P_X, which the paper does not print; four steps double it
+# P_X, which the paper does not print; four steps double it
+UNIT_WEIGHTS = np.geomspace(0.05, 12.8, 33)
 QUARTER = 0.25  # P_X where Q_u = 4 σ_x² with σ_x = 1, eq. (10)
 LOWEST = -30.0  # log10: what a kernel over some hundred redraws can still tell from zero
 ALL = ("a", "b", "c", "r", "sigma_0", "sigma_s")
@@ -47,18 +58,23 @@ def log_likelihood(
     unit_weight: float = 1.0,
     wrong_sign: bool = False,
 ) -> float:
-    """log10 of the probability that a redraw gives the printed row: its ``quantities``, each within half a unit of its last digit.
+    """log10 of the probability that a redraw gives the printed row: its ``quantities``, each within
+    half a unit of its last digit.
 
-    trials : frame of `montecarlo.sphere_study`; unit_weight : P_X, by whose root σ0 is multiplied; wrong_sign : Δr of every redraw
+    trials : frame of `montecarlo.sphere_study`; unit_weight : P_X, by whose root σ0 is multiplied;
+        wrong_sign : Δr of every redraw
     from δ with the wrong sign (`rows.radius_with_wrong_sign`).
 
-    The kernel has the redraws' covariance times B^(-2/(d + 4)) (Scott's rule), enlarged by the width of the printed digits.
+    The kernel has the redraws' covariance times B^(-2/(d + 4)) (Scott's rule), enlarged by the
+    width of the printed digits.
     """
     one = row(printed(), table, method)
     sample, place, width = [], [], []
     errors = trials[[f"delta_{name}_m" for name in "abcr"]].to_numpy()
     if wrong_sign:
-        errors = np.column_stack([errors[:, :3], radius_with_wrong_sign(TRUTH + errors) - SPHERE_RADIUS])
+        errors = np.column_stack(
+            [errors[:, :3], radius_with_wrong_sign(TRUTH + errors) - SPHERE_RADIUS]
+        )
     for name in quantities:
         if name in "abcr":
             quantity = f"abs_delta_{name}_m"
@@ -66,7 +82,9 @@ def log_likelihood(
             place.append(one[quantity])
             width.append(2 * one.half(quantity))
         else:
-            quantity, column = ("sigma_0", "sigma_0") if name == "sigma_0" else ("sigma_s_m", "sigma_s_m")
+            quantity, column = (
+                ("sigma_0", "sigma_0") if name == "sigma_0" else ("sigma_s_m", "sigma_s_m")
+            )
             scale = math.sqrt(unit_weight) if name == "sigma_0" else 1.0
             sample.append(np.log(np.maximum(scale * trials[column].to_numpy(), 1e-300)))
             place.append(math.log(one[quantity]))
@@ -74,12 +92,18 @@ def log_likelihood(
     cloud = np.column_stack(sample)
     cloud = cloud[np.isfinite(cloud).all(axis=1) & trials["converged"].to_numpy()]
     signed = sum(name in "abcr" for name in quantities)
-    signs = np.array([[*signs, *[1] * (len(quantities) - signed)] for signs in product((-1, 1), repeat=signed)])
+    signs = np.array(
+        [[*signs, *[1] * (len(quantities) - signed)] for signs in product((-1, 1), repeat=signed)]
+    )
     return _kernel_log10(cloud, signs * np.array(place), np.array(width))
 
 
-def _kernel_log10(cloud: NDArray[np.float64], places: NDArray[np.float64], width: NDArray[np.float64]) -> float:
-    """log10 of the kernel density of a cloud (B, d) summed over places (s, d), times the volume of a box of that width."""
+def _kernel_log10(
+    cloud: NDArray[np.float64], places: NDArray[np.float64], width: NDArray[np.float64]
+) -> float:
+    """log10 of the kernel density of a cloud (B, d) summed over places (s, d), times the volume of
+    a box of that width.
+    """
     count, d = cloud.shape
     if count <= d + 1:
         return LOWEST
@@ -87,13 +111,22 @@ def _kernel_log10(cloud: NDArray[np.float64], places: NDArray[np.float64], width
     factor = np.linalg.cholesky(covariance)
     away = np.linalg.solve(factor, (places[:, None, :] - cloud[None]).reshape(-1, d).T)
     exponent = logsumexp(-0.5 * np.sum(away**2, axis=0)) - math.log(count)
-    exponent += np.sum(np.log(width)) - 0.5 * d * math.log(2 * math.pi) - np.sum(np.log(np.diag(factor)))
+    exponent += (
+        np.sum(np.log(width)) - 0.5 * d * math.log(2 * math.pi) - np.sum(np.log(np.diag(factor)))
+    )
     return max(float(exponent / math.log(10)), LOWEST)
 
 
-def best_unit_weight(trials: pd.DataFrame, table: int, quantities: Sequence[str], wrong_sign: bool = False) -> tuple[float, float]:
-    """The largest log10 likelihood of a row of IGG III-WTLS over `UNIT_WEIGHTS`, and the P_X that gives it."""
-    curve = [log_likelihood(trials, table, "igg3_wtls", quantities, P_X, wrong_sign) for P_X in UNIT_WEIGHTS]
+def best_unit_weight(
+    trials: pd.DataFrame, table: int, quantities: Sequence[str], wrong_sign: bool = False
+) -> tuple[float, float]:
+    """The largest log10 likelihood of a row of IGG III-WTLS over `UNIT_WEIGHTS`, and the P_X that
+    gives it.
+    """
+    curve = [
+        log_likelihood(trials, table, "igg3_wtls", quantities, P_X, wrong_sign)
+        for P_X in UNIT_WEIGHTS
+    ]
     return max(curve), float(UNIT_WEIGHTS[int(np.argmax(curve))])
 
 
@@ -101,7 +134,12 @@ def best_unit_weight(trials: pd.DataFrame, table: int, quantities: Sequence[str]
 
 SCALES_TRIED = tuple(scale for scale in SCALES if scale != "unit")  # which leaves no points
 READINGS = {
-    (scale, power, cumulative): {"method": "igg3_wtls", "scale": scale, "power": power, "cumulative": cumulative}
+    (scale, power, cumulative): {
+        "method": "igg3_wtls",
+        "scale": scale,
+        "power": power,
+        "cumulative": cumulative,
+    }
     for scale in SCALES_TRIED
     for power in (1, 2)
     for cumulative in (True, False)
@@ -109,16 +147,21 @@ READINGS = {
 
 
 def igg3_readings(
-    trials: int, scales: Sequence[str] = SCALES_TRIED, laws: Sequence[str] = (COMMITTED, ANY_SIZE), seed: int = SEED
+    trials: int,
+    scales: Sequence[str] = SCALES_TRIED,
+    laws: Sequence[str] = (COMMITTED, ANY_SIZE),
+    seed: int = SEED,
 ) -> pd.DataFrame:
     """Which reading of IGG III-WTLS comes nearest to its rows in tables 1 and 2?
 
-    Readings with σ from one of the ``scales``. One row a reading and law of the gross errors (names of `gross.SIZES`): ``table 1``,
-    log10 likelihood of the row of table 1, and ``table 2`` of centre and σ0 of table 2 (Δr contradicts its row whatever the reading, σs
-    counts the gross errors), at the P_X that suits each best; ``both`` with one P_X for both tables; ``both, P_X = 1`` and
-    ``both, P_X = 1/4``; ``halves``, by how much ``both`` differs between the two halves of the redraws, which says what a difference is
-    worth. Best first; last, without numbers, the readings that leave less than half of the points of table 1 in use: they run into a few
-    points that hang on the last bits.
+    Readings with σ from one of the ``scales``. One row a reading and law of the gross errors (names
+    of `gross.SIZES`): ``table 1``, log10 likelihood of the row of table 1, and ``table 2`` of
+    centre and σ0 of table 2 (Δr contradicts its row whatever the reading, σs counts the gross
+    errors), at the P_X that suits each best; ``both`` with one P_X for both tables;
+    ``both, P_X = 1`` and ``both, P_X = 1/4``; ``halves``, by how much ``both`` differs between the
+    two halves of the redraws, which says what a difference is worth. Best first; last, without
+    numbers, the readings that leave less than half of the points of table 1 in use: they run into a
+    few points that hang on the last bits.
     """
     readings = {key: options for key, options in READINGS.items() if key[0] in scales}
     clean = sphere_study(sphere_redraws(trials, seed), TRUTH, readings)
@@ -126,7 +169,9 @@ def igg3_readings(
     for law in laws:
         gross = sphere_study(redraws_of_size(law, trials, seed), TRUTH, readings)
         for key in readings:
-            one = dict(zip(("scale", "power", "cumulative"), key, strict=True)) | {"gross errors": law}
+            one = dict(zip(("scale", "power", "cumulative"), key, strict=True)) | {
+                "gross errors": law
+            }
             rows.append(one)
             if clean[key]["rejected"].median() > SPHERE_POINTS / 2:
                 continue
@@ -137,18 +182,26 @@ def igg3_readings(
                 one.update({name: curve[best], f"P_X, {name}": UNIT_WEIGHTS[best]})
             one.update({"both, P_X = 1": both[-2], "both, P_X = 1/4": both[-1]})
             parts = slice(0, trials // 2), slice(trials // 2, None)
-            halves = [sum(_over_unit_weights(clean[key][part], gross[key][part])).max() for part in parts]
+            halves = [
+                sum(_over_unit_weights(clean[key][part], gross[key][part])).max() for part in parts
+            ]
             one["halves"] = abs(halves[0] - halves[1])
     return best_first(pd.DataFrame(rows))
 
 
 def best_first(readings: pd.DataFrame) -> pd.DataFrame:
     """Readings ordered by ``both``, to three decimals, so that what is equal stays in its place."""
-    return readings.sort_values("both", key=lambda both: -both.round(3), kind="stable", ignore_index=True)
+    return readings.sort_values(
+        "both", key=lambda both: -both.round(3), kind="stable", ignore_index=True
+    )
 
 
-def _over_unit_weights(clean: pd.DataFrame, gross: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """log10 likelihoods of the rows of table 1 and of centre and σ0 of table 2, over `UNIT_WEIGHTS`, 1 and 1/4."""
+def _over_unit_weights(
+    clean: pd.DataFrame, gross: pd.DataFrame
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """log10 likelihoods of the rows of table 1 and of centre and σ0 of table 2, over
+    `UNIT_WEIGHTS`, 1 and 1/4.
+    """
     weights = [*UNIT_WEIGHTS, 1.0, QUARTER]
     first = [log_likelihood(clean, 1, "igg3_wtls", ALL, P_X) for P_X in weights]
     second = [log_likelihood(gross, 2, "igg3_wtls", CENTRE_AND_SIGMA_0, P_X) for P_X in weights]
@@ -174,8 +227,12 @@ def _exact(trials: int, seed: int) -> tuple[NDArray[np.float64], list[np.random.
     return np.array(clouds), generators
 
 
-def _noisy(points: NDArray[np.float64], generators: Sequence[np.random.Generator], sd: float) -> NDArray[np.float64]:
-    return points + sd * np.array([generator.standard_normal(points.shape[1:]) for generator in generators])
+def _noisy(
+    points: NDArray[np.float64], generators: Sequence[np.random.Generator], sd: float
+) -> NDArray[np.float64]:
+    return points + sd * np.array(
+        [generator.standard_normal(points.shape[1:]) for generator in generators]
+    )
 
 
 def _both_halves(points: NDArray[np.float64], _) -> NDArray[np.float64]:
@@ -185,22 +242,32 @@ def _both_halves(points: NDArray[np.float64], _) -> NDArray[np.float64]:
 
 
 ROUNDING = 10.0**-SPHERE_DECIMALS / math.sqrt(12)  # m, standard deviation of what rounding does
-CLOUDS: dict[str, Callable[[NDArray[np.float64], Sequence[np.random.Generator]], NDArray[np.float64]]] = {
+CLOUDS: dict[
+    str, Callable[[NDArray[np.float64], Sequence[np.random.Generator]], NDArray[np.float64]]
+] = {
     "upper cap, rounded to 0.01 m": lambda points, _: _rounded(points),
     "both halves, rounded to 0.01 m": _both_halves,
     "upper cap, rounded to 0.001 m": lambda points, _: _rounded(points, 3),
     "upper cap, rounded to 0.1 m": lambda points, _: _rounded(points, 1),
-    "upper cap, normal noise 2.89 mm": lambda points, generators: _noisy(points, generators, ROUNDING),
-    "upper cap, normal noise 1 mm, rounded to 0.01 m": lambda points, generators: _rounded(_noisy(points, generators, 0.001)),
-    "upper cap, normal noise 2.89 mm, rounded to 0.01 m": lambda points, generators: _rounded(_noisy(points, generators, ROUNDING)),
+    "upper cap, normal noise 2.89 mm": lambda points, generators: _noisy(
+        points, generators, ROUNDING
+    ),
+    "upper cap, normal noise 1 mm, rounded to 0.01 m": lambda points, generators: _rounded(
+        _noisy(points, generators, 0.001)
+    ),
+    "upper cap, normal noise 2.89 mm, rounded to 0.01 m": lambda points, generators: _rounded(
+        _noisy(points, generators, ROUNDING)
+    ),
 }
 """Hypothesis -> (exact points of the cap, generators) -> the cloud of table 1."""
 
 
 def clouds(trials: int, seed: int = SEED) -> pd.DataFrame:
-    """One cap or the whole sphere, and which noise? log10 likelihoods of the rows of table 1, best first.
+    """One cap or the whole sphere, and which noise? log10 likelihoods of the rows of table 1, best
+    first.
 
-    IGG III-WTLS is taken without its σ0, which depends on a P_X that is not printed. TLS has the row of LS.
+    IGG III-WTLS is taken without its σ0, which depends on a P_X that is not printed. TLS has the
+    row of LS.
     """
     exact, _ = _exact(trials, seed)
     rows = []
@@ -209,13 +276,18 @@ def clouds(trials: int, seed: int = SEED) -> pd.DataFrame:
         study = sphere_study(points, TRUTH, {m: {"method": m} for m in ("ls", "igg3_wtls")})
         found = {
             "LS": log_likelihood(study["ls"], 1, "ls"),
-            "IGG III-WTLS": log_likelihood(study["igg3_wtls"], 1, "igg3_wtls", ("a", "b", "c", "r", "sigma_s")),
+            "IGG III-WTLS": log_likelihood(
+                study["igg3_wtls"], 1, "igg3_wtls", ("a", "b", "c", "r", "sigma_s")
+            ),
         }
         rows.append({"cloud": name} | found | {"together": sum(found.values())})
-    return pd.DataFrame(rows).sort_values("together", ascending=False, kind="stable", ignore_index=True)
+    return pd.DataFrame(rows).sort_values(
+        "together", ascending=False, kind="stable", ignore_index=True
+    )
 
 
-# ------------------------------------------------------------------ which gross errors, and which Δr
+# ------------------------------------------------------------------ which gross errors, and which
+# Δr
 
 
 def gross_studies(trials: int, seed: int = SEED) -> dict[str, dict[str, pd.DataFrame]]:
@@ -225,10 +297,12 @@ def gross_studies(trials: int, seed: int = SEED) -> dict[str, dict[str, pd.DataF
 
 
 def gross_errors(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
-    """Which gross errors? log10 likelihoods of the rows of table 2 without Δr; IGG III-WTLS at the best P_X and at P_X = 1/4.
+    """Which gross errors? log10 likelihoods of the rows of table 2 without Δr; IGG III-WTLS at the
+    best P_X and at P_X = 1/4.
 
-    Also ``unseen``, the percentage of redraws in which IGG III-WTLS keeps at least one of the five, and where the printed σ0 (at
-    P_X = 1 and 1/4) and centre of IGG III-WTLS and Δa of LS lie among the redraws, in percent.
+    Also ``unseen``, the percentage of redraws in which IGG III-WTLS keeps at least one of the five,
+    and where the printed σ0 (at P_X = 1 and 1/4) and centre of IGG III-WTLS and Δa of LS lie among
+    the redraws, in percent.
     """
     rows = []
     for law, study in studies.items():
@@ -237,26 +311,41 @@ def gross_errors(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFr
         one = {"gross errors": law, "LS": log_likelihood(ls, 2, "ls", WITHOUT_RADIUS)}
         one |= {"TLS": log_likelihood(study["tls"], 2, "tls", WITHOUT_RADIUS)}
         one |= {"IGG III-WTLS": best, "P_X": P_X}
-        one |= {"IGG III-WTLS, P_X = 1/4": log_likelihood(igg, 2, "igg3_wtls", WITHOUT_RADIUS, QUARTER)}
+        one |= {
+            "IGG III-WTLS, P_X = 1/4": log_likelihood(igg, 2, "igg3_wtls", WITHOUT_RADIUS, QUARTER)
+        }
         one["unseen"] = 100 * (igg["rejected"] < 5).mean()
         printed_row = row(printed(), 2, "igg3_wtls")
         one["σ0 below print"] = 100 * (igg["sigma_0"] < printed_row["sigma_0"]).mean()
-        one["σ0 below print, P_X = 1/4"] = 100 * (0.5 * igg["sigma_0"] < printed_row["sigma_0"]).mean()
+        one["σ0 below print, P_X = 1/4"] = (
+            100 * (0.5 * igg["sigma_0"] < printed_row["sigma_0"]).mean()
+        )
         for name in "abc":
-            one[f"Δ{name} below print"] = 100 * (igg[f"delta_{name}_m"].abs() < printed_row[f"abs_delta_{name}_m"]).mean()
-        one["Δa of LS below print"] = 100 * (ls["delta_a_m"].abs() < row(printed(), 2, "ls")["abs_delta_a_m"]).mean()
+            one[f"Δ{name} below print"] = (
+                100 * (igg[f"delta_{name}_m"].abs() < printed_row[f"abs_delta_{name}_m"]).mean()
+            )
+        one["Δa of LS below print"] = (
+            100 * (ls["delta_a_m"].abs() < row(printed(), 2, "ls")["abs_delta_a_m"]).mean()
+        )
         rows.append(one)
     return pd.DataFrame(rows)
 
 
 def radius_slips(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
-    """How did Δr of table 2 come about? log10 of the probability of each printed Δr, under four hypotheses and each law of gross errors.
+    """How did Δr of table 2 come about? log10 of the probability of each printed Δr, under four
+    hypotheses and each law of gross errors.
 
-    ``as printed``: a redraw has that Δr. ``wrong sign of δ``: it has it when the radius is computed as √(|k|² − δ). ``copied``: a length of
-    table 3 was copied, any of them alike (`LOWEST` where it is not among them). ``one digit``: a redraw has the same Δr but for one
-    digit, any digit and any wrong one alike. All of these are what follows *if* that slip was made, not how readily it is made.
+    ``as printed``: a redraw has that Δr. ``wrong sign of δ``: it has it when the radius is computed
+    as √(|k|² − δ). ``copied``: a length of table 3 was copied, any of them alike (`LOWEST` where it
+    is not among them). ``one digit``: a redraw has the same Δr but for one digit, any digit and any
+    wrong one alike. All of these are what follows *if* that slip was made, not how readily it is
+    made.
     """
-    lengths = [n.text for n in printed_numbers(3) if n.quantity in ("a_m", "b_m", "c_m", "r_m", "abs_delta_r_m")]
+    lengths = [
+        n.text
+        for n in printed_numbers(3)
+        if n.quantity in ("a_m", "b_m", "c_m", "r_m", "abs_delta_r_m")
+    ]
     rows = []
     for law, study in studies.items():
         for method, label in ((name, label) for label, name in METHODS.items()):
@@ -265,10 +354,17 @@ def radius_slips(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFr
             slipped = np.abs(radius_with_wrong_sign(TRUTH + errors) - SPHERE_RADIUS)
             copies = sum(text.lstrip("-") == number.text for text in lengths)
             neighbours = _one_digit_away(number.text)
-            digit = [_probability(np.abs(errors[:, 3]), value, 2 * number.half_unit) for value in neighbours]
+            digit = [
+                _probability(np.abs(errors[:, 3]), value, 2 * number.half_unit)
+                for value in neighbours
+            ]
             one = {"gross errors": law, "method": label, "printed": number.text}
-            one["as printed"] = _log10(_probability(np.abs(errors[:, 3]), number.value, 2 * number.half_unit))
-            one["wrong sign of δ"] = _log10(_probability(slipped[np.isfinite(slipped)], number.value, 2 * number.half_unit))
+            one["as printed"] = _log10(
+                _probability(np.abs(errors[:, 3]), number.value, 2 * number.half_unit)
+            )
+            one["wrong sign of δ"] = _log10(
+                _probability(slipped[np.isfinite(slipped)], number.value, 2 * number.half_unit)
+            )
             one["copied"] = _log10(copies / len(lengths))
             one["one digit"] = _log10(float(np.mean(digit)))
             rows.append(one)
@@ -280,7 +376,11 @@ def _one_digit_away(text: str) -> list[float]:
     found = []
     for place, sign in enumerate(text):
         if sign.isdigit():
-            found += [float(text[:place] + digit + text[place + 1 :]) for digit in "0123456789" if digit != sign]
+            found += [
+                float(text[:place] + digit + text[place + 1 :])
+                for digit in "0123456789"
+                if digit != sign
+            ]
     return found
 
 
@@ -288,7 +388,9 @@ def _probability(sample: NDArray[np.float64], value: float, width: float) -> flo
     """Probability of a positive quantity within a width, by a kernel over its sample."""
     scale = np.hypot(sample.std() * len(sample) ** (-1 / 5), width / math.sqrt(12))
     away = (np.array([[value], [-value]]) - sample) / scale  # reflected at zero
-    return float(np.exp(-0.5 * away**2).sum() / len(sample) / scale / math.sqrt(2 * math.pi) * width)
+    return float(
+        np.exp(-0.5 * away**2).sum() / len(sample) / scale / math.sqrt(2 * math.pi) * width
+    )
 
 
 def _log10(probability: float) -> float:
@@ -296,7 +398,8 @@ def _log10(probability: float) -> float:
 
 
 def rows_of_table_2(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
-    """Whole rows of table 2: log10 likelihood with Δr as printed, from δ with the wrong sign, and left out (a misprint of Δr alone).
+    """Whole rows of table 2: log10 likelihood with Δr as printed, from δ with the wrong sign, and
+    left out (a misprint of Δr alone).
 
     IGG III-WTLS at the P_X that suits each best.
     """
@@ -312,7 +415,9 @@ def rows_of_table_2(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.Dat
                 if method == "igg3_wtls":
                     one[name], _ = best_unit_weight(study[method], 2, quantities, wrong_sign)
                 else:
-                    one[name] = log_likelihood(study[method], 2, method, quantities, wrong_sign=wrong_sign)
+                    one[name] = log_likelihood(
+                        study[method], 2, method, quantities, wrong_sign=wrong_sign
+                    )
             rows.append(one)
     return pd.DataFrame(rows)
 
@@ -321,11 +426,14 @@ def rows_of_table_2(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.Dat
 
 
 def scans() -> pd.DataFrame:
-    """Table 3: the exponents of sphere I, and σs over all points or over those in use, beside simulated scans (notebook 04).
+    """Table 3: the exponents of sphere I, and σs over all points or over those in use, beside
+    simulated scans (notebook 04).
 
-    One row a printed ratio and sphere: ``printed``; ``corrected``, with the exponent of σ0 of sphere I raised by one; ``lower`` and
-    ``upper``, the central 95 % of simulated scans, raw and cleaned together; and both over the limit that they exceed or fall short of,
-    1 inside. σs of LS over that of IGG III-WTLS stands twice, once for each meaning: the two readings stand against each other.
+    One row a printed ratio and sphere: ``printed``; ``corrected``, with the exponent of σ0 of
+    sphere I raised by one; ``lower`` and ``upper``, the central 95 % of simulated scans, raw and
+    cleaned together; and both over the limit that they exceed or fall short of, 1 inside. σs of LS
+    over that of IGG III-WTLS stands twice, once for each meaning: the two readings stand against
+    each other.
     """
     measured = tables.read(RESULTS / "04_real_spheres_table3_measured.csv")
     rows = []
@@ -334,8 +442,18 @@ def scans() -> pd.DataFrame:
         as_printed = float(group["printed"].iloc[0])
         corrected = 10 * as_printed if relation.startswith("σ0") and sphere == "I" else as_printed
         lower, upper = float(group["lower"].min()), float(group["upper"].max())
-        one = {"relation": relation, "sphere": sphere, "printed": as_printed, "corrected": corrected, "lower": lower, "upper": upper}
-        one |= {"printed over the nearer limit": _over(as_printed, lower, upper), "corrected over it": _over(corrected, lower, upper)}
+        one = {
+            "relation": relation,
+            "sphere": sphere,
+            "printed": as_printed,
+            "corrected": corrected,
+            "lower": lower,
+            "upper": upper,
+        }
+        one |= {
+            "printed over the nearer limit": _over(as_printed, lower, upper),
+            "corrected over it": _over(corrected, lower, upper),
+        }
         rows.append(one)
     return pd.DataFrame(rows)
 
@@ -346,10 +464,14 @@ def _over(value: float, lower: float, upper: float) -> float:
 
 
 def unit_weights_of_scans(found: pd.DataFrame) -> pd.DataFrame:
-    """Between which P_X σ0 of IGG III-WTLS in table 3 lies in the central 95 % of simulated scans, with the exponent of sphere I put right.
+    """Between which P_X σ0 of IGG III-WTLS in table 3 lies in the central 95 % of simulated scans,
+    with the exponent of sphere I put right.
 
     found : frame of `scans`, made with P_X = 1; σ0 is proportional to √P_X.
     """
     igg = found[found["relation"].str.startswith("σ0 of IGG")]
-    limits = {f"P_X, {word}": (igg["corrected"] / igg[limit]) ** 2 for word, limit in (("least", "upper"), ("most", "lower"))}
+    limits = {
+        f"P_X, {word}": (igg["corrected"] / igg[limit]) ** 2
+        for word, limit in (("least", "upper"), ("most", "lower"))
+    }
     return pd.DataFrame({"sphere": igg["sphere"], **limits})

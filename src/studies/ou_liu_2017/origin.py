@@ -1,8 +1,8 @@
 """How the answer of each method moves when the same points are given in another frame.
 
-A sphere does not know where the origin of the coordinates is. A method that does gives another sphere
-for the same points; and a method that keeps the large numbers of a national grid in its normal
-equations loses the digits that hold the sphere.
+A sphere does not know where the origin of the coordinates is. A method that does gives another
+sphere for the same points; and a method that keeps the large numbers of a national grid in its
+normal equations loses the digits that hold the sphere.
 """
 
 from __future__ import annotations
@@ -23,22 +23,40 @@ from analysis.result import ConvergenceWarning
 from .clouds import SPHERE_CENTER, SPHERE_RADIUS
 
 # Along x, in m; 500 000 and 4 000 000 are the easting and the northing of a national grid.
-SHIFTS = (0, 1, 3, 10, 30, 100, 300, 1_000, 10_000, 30_000, 500_000, 1_000_000, 4_000_000, 10_000_000)
+SHIFTS = (
+    0,
+    1,
+    3,
+    10,
+    30,
+    100,
+    300,
+    1_000,
+    10_000,
+    30_000,
+    500_000,
+    1_000_000,
+    4_000_000,
+    10_000_000,
+)
 TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
 DECIMALS = 5  # of the answers in m
 LOST = 2e-5  # m: two units of the last decimal
 RAW = "ls_raw"
-LABELS = {name: method.label for name, method in SPHERE_METHODS.items()} | {RAW: "LS, raw normal equations"}
+LABELS = {name: method.label for name, method in SPHERE_METHODS.items()} | {
+    RAW: "LS, raw normal equations"
+}
 
 
 def ls_by_raw_normal_equations(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """LS from the normal equations ``AᵀA X = AᵀY`` of the coordinates as they are: (a, b, c, r), m.
 
-    To be independent of processors, and to show the least that is lost, only the products are rounded to double
-    precision: their sums are the nearest doubles (math.fsum) and the four equations are solved exactly. What
-    comes out wrong is wrong because AᵀA and AᵀY cannot hold it.
+    To be independent of processors, and to show the least that is lost, only the products are
+    rounded to double precision: their sums are the nearest doubles (math.fsum) and the four
+    equations are solved exactly. What comes out wrong is wrong because AᵀA and AᵀY cannot hold it.
 
-    Parameters: points, (n, 3), m. The radius is NaN without a real sphere, all four where AᵀA is singular.
+    Parameters: points, (n, 3), m. The radius is NaN without a real sphere, all four where AᵀA is
+    singular.
 
     >>> directions = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])
     >>> ls_by_raw_normal_equations([10, 10, 1] + 2 * directions)
@@ -52,11 +70,15 @@ def ls_by_raw_normal_equations(points: NDArray[np.float64]) -> NDArray[np.float6
     except ZeroDivisionError:
         return np.full(4, np.nan)
     squared_radius = float(X[3] + sum(k * k for k in X[:3]))
-    return np.array([*map(float, X[:3]), math.sqrt(squared_radius) if squared_radius > 0 else math.nan])
+    return np.array(
+        [*map(float, X[:3]), math.sqrt(squared_radius) if squared_radius > 0 else math.nan]
+    )
 
 
 def _solved(system: list[list[Fraction]]) -> list[Fraction]:
-    """The solution of the equations ``[N | h]`` by Gauss-Jordan elimination; ZeroDivisionError if N is singular."""
+    """The solution of the equations ``[N | h]`` by Gauss-Jordan elimination; ZeroDivisionError if N
+    is singular.
+    """
     size = len(system)
     for i in range(size):
         pivot = max(range(i, size), key=lambda row: abs(system[row][i]))
@@ -64,32 +86,45 @@ def _solved(system: list[list[Fraction]]) -> list[Fraction]:
         system[i] = [element / system[i][i] for element in system[i]]
         for row in range(size):
             if row != i:
-                system[row] = [a - system[row][i] * b for a, b in zip(system[row], system[i], strict=True)]
+                system[row] = [
+                    a - system[row][i] * b for a, b in zip(system[row], system[i], strict=True)
+                ]
     return [row[size] for row in system]
 
 
 def _fitted(clouds: NDArray[np.float64], method: str) -> tuple[NDArray[np.float64], int]:
-    """Parameters (B, 4) of a stack of clouds, NaN where the method did not converge to a sphere, and how often that was."""
+    """Parameters (B, 4) of a stack of clouds, NaN where the method did not converge to a sphere,
+    and how often that was.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # counted instead
         fit = fit_sphere(clouds, method)
-    return np.where(fit.converged[:, None], fit.parameters, np.nan), int(np.count_nonzero(~fit.converged))
+    return np.where(fit.converged[:, None], fit.parameters, np.nan), int(
+        np.count_nonzero(~fit.converged)
+    )
 
 
 def _raw(clouds: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-    """The same for the raw normal equations, whose exact sums do not depend on the order of the points."""
+    """The same for the raw normal equations, whose exact sums do not depend on the order of the
+    points.
+    """
     parameters = ls_by_raw_normal_equations(clouds[0])[None]
     return parameters, len(clouds) * int(np.isnan(parameters).any())
 
 
-METHODS: dict[str, Callable] = {name: partial(_fitted, method=name) for name in SPHERE_METHODS} | {RAW: _raw}
+METHODS: dict[str, Callable] = {name: partial(_fitted, method=name) for name in SPHERE_METHODS} | {
+    RAW: _raw
+}
 
 
-def study(clouds: Mapping[str, NDArray[np.float64]], shifts=SHIFTS, orders: int = 15, seed: int = 1) -> pd.DataFrame:
+def study(
+    clouds: Mapping[str, NDArray[np.float64]], shifts=SHIFTS, orders: int = 15, seed: int = 1
+) -> pd.DataFrame:
     """Fit the same points in frames shifted along x by every method.
 
-    Each cloud is fitted with its points listed in several orders. That changes nothing but the rounding errors: the
-    middle answer is taken, and where the orders differ by more than ``LOST`` the answer is lost in rounding.
+    Each cloud is fitted with its points listed in several orders. That changes nothing but the
+    rounding errors: the middle answer is taken, and where the orders differ by more than ``LOST``
+    the answer is lost in rounding.
 
     Parameters
     ----------
@@ -100,10 +135,11 @@ def study(clouds: Mapping[str, NDArray[np.float64]], shifts=SHIFTS, orders: int 
 
     Returns
     -------
-    One row a cloud, method and shift. ``center_error_m`` is the distance of the centre from the true one, shifted alike;
-    ``radius_error_m`` the radius less the true one; ``from_ls_m`` the distance of the centre from that of LS, all
-    rounded to 0.01 mm. They are NaN where there is no answer: ``lost`` says that it drowned in rounding
-    errors, ``no_sphere`` in how many of the orders the method did not converge to a real sphere.
+    One row a cloud, method and shift. ``center_error_m`` is the distance of the centre from the
+    true one, shifted alike; ``radius_error_m`` the radius less the true one; ``from_ls_m`` the
+    distance of the centre from that of LS, all rounded to 0.01 mm. They are NaN where there is no
+    answer: ``lost`` says that it drowned in rounding errors, ``no_sphere`` in how many of the
+    orders the method did not converge to a real sphere.
 
     >>> from studies.ou_liu_2017.clouds import read_sphere_cloud
     >>> frame = study({"gross": read_sphere_cloud(gross=True)}, shifts=(0, 100))
@@ -125,7 +161,16 @@ def study(clouds: Mapping[str, NDArray[np.float64]], shifts=SHIFTS, orders: int 
                 lengths = np.linalg.norm(error[:3]), error[3], np.linalg.norm((middle - of_ls)[:3])
                 lengths = np.full(3, np.nan) if lost or no_sphere else np.round(lengths, DECIMALS)
                 rows.append([cloud, method, shift, *lengths, lost, no_sphere])
-    columns = ["cloud", "method", "shift_m", "center_error_m", "radius_error_m", "from_ls_m", "lost", "no_sphere"]
+    columns = [
+        "cloud",
+        "method",
+        "shift_m",
+        "center_error_m",
+        "radius_error_m",
+        "from_ls_m",
+        "lost",
+        "no_sphere",
+    ]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -137,7 +182,8 @@ def by_shift(answers: pd.DataFrame, cloud: str, length: str) -> pd.DataFrame:
 
 
 def becomes_ls(answers: pd.DataFrame, cloud: str, method: str, within: float) -> int:
-    """The smallest shift in m from which on all answers of a method that are not lost lie within so many m of LS.
+    """The smallest shift in m from which on all answers of a method that are not lost lie within so
+    many m of LS.
 
     Raises ValueError if there is none.
 
@@ -145,8 +191,14 @@ def becomes_ls(answers: pd.DataFrame, cloud: str, method: str, within: float) ->
     >>> becomes_ls(frame, "gross", "wtls", within=0.001)
     100
     """
-    rows = answers[(answers["cloud"] == cloud) & (answers["method"] == method)].dropna(subset="from_ls_m").sort_values("shift_m")
+    rows = (
+        answers[(answers["cloud"] == cloud) & (answers["method"] == method)]
+        .dropna(subset="from_ls_m")
+        .sort_values("shift_m")
+    )
     near = rows["shift_m"][(rows["from_ls_m"] <= within)[::-1].cummin()[::-1]]
     if near.empty:
-        raise ValueError(f"expected a shift from which {method} is within {within:g} m of LS, found none")
+        raise ValueError(
+            f"expected a shift from which {method} is within {within:g} m of LS, found none"
+        )
     return int(near.min())

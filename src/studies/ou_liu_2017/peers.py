@@ -1,8 +1,9 @@
 """Sphere fits of other libraries, to be set beside ours on the same points.
 
-They are used as their documentation offers them, with what helps them: coordinates reduced to the centroid, the analytic Jacobian,
-and LS as start. A robust loss must be told the scale above which a residual counts as large (``f_scale``); scipy's own
-value is 1 m. Two others are tried: one from the data, as is usual, and one that knows the noise.
+They are used as their documentation offers them, with what helps them: coordinates reduced to the
+centroid, the analytic Jacobian, and LS as start. A robust loss must be told the scale above which a
+residual counts as large (``f_scale``); scipy's own value is 1 m. Two others are tried: one from the
+data, as is usual, and one that knows the noise.
 
 Sources: SciPy, ``scipy.optimize.least_squares``; scikit-spatial, ``Sphere.best_fit``.
 """
@@ -32,10 +33,14 @@ def best_fit(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([*sphere.point, sphere.radius])
 
 
-def robust_loss(points: NDArray[np.float64], loss: str, scale: float | None = None) -> NDArray[np.float64]:
-    """(a, b, c, r) in m that minimises ``Σ ρ(d²/scale²)`` over the distances d, by ``scipy.optimize.least_squares`` from the LS sphere.
+def robust_loss(
+    points: NDArray[np.float64], loss: str, scale: float | None = None
+) -> NDArray[np.float64]:
+    """(a, b, c, r) in m that minimises ``Σ ρ(d²/scale²)`` over the distances d, by
+    ``scipy.optimize.least_squares`` from the LS sphere.
 
-    loss : ``"soft_l1"`` or ``"cauchy"``; scale : m, or None for 1.4826 times the median distance from the LS sphere.
+    loss : ``"soft_l1"`` or ``"cauchy"``; scale : m, or None for 1.4826 times the median distance
+        from the LS sphere.
 
     >>> directions = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])
     >>> robust_loss([10, 10, 1] + 2 * directions, "cauchy", 0.001).round(9).tolist()
@@ -56,5 +61,7 @@ def robust_loss(points: NDArray[np.float64], loss: str, scale: float | None = No
         return np.column_stack([directions, -np.ones(len(centred))])
 
     tight = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-12)
-    found = least_squares(distances, start.parameters - [*origin, 0.0], jacobian, loss=loss, f_scale=scale, **tight)
+    found = least_squares(
+        distances, start.parameters - [*origin, 0.0], jacobian, loss=loss, f_scale=scale, **tight
+    )
     return found.x + [*origin, 0.0]

@@ -1,7 +1,7 @@
 """Where the sphere paper can be read in two ways, and what the difference makes.
 
-Each :class:`Reading` is one place of Ou & Liu (2017): the literal reading, another reading, and how to compute
-both. :func:`study` runs both on every cloud and judges the change by one rule:
+Each :class:`Reading` is one place of Ou & Liu (2017): the literal reading, another reading, and how
+to compute both. :func:`study` runs both on every cloud and judges the change by one rule:
 
     a change matters if it exceeds a tenth of the standard deviation of what changed,
 
@@ -38,7 +38,9 @@ SPHERE, SIGMA_0, NOTHING, BREAKDOWN = "sphere", "σ0 only", "no", "breaks down"
 
 @dataclass(frozen=True)
 class Answer:
-    """What one reading returns for one cloud: lengths in m, numbers of points with weight 0 and with weight below ``FADED``."""
+    """What one reading returns for one cloud: lengths in m, numbers of points with weight 0 and
+    with weight below ``FADED``.
+    """
 
     center: NDArray[np.float64]
     radius: float
@@ -88,26 +90,46 @@ def _igg3_points_in_use(points) -> Answer:
     """The same fit, its σ0 over the redundancy of the points in use."""
     answer = _igg3(points)
     n = len(points)
-    return replace(answer, sigma_0=answer.sigma_0 * np.sqrt((n - PARAMETERS) / (n - answer.rejected - PARAMETERS)))
+    return replace(
+        answer,
+        sigma_0=answer.sigma_0 * np.sqrt((n - PARAMETERS) / (n - answer.rejected - PARAMETERS)),
+    )
 
 
 def _wtls(points, Q_0=(1.0, 1.0, 1.0, 0.0), Q_w_over_w_Q_u: float = 1.0) -> Answer:
-    """WTLS without reweighting, by eqs. (16)-(17), with any column cofactors and any ratio of Q_Y to w Q_X."""
+    """WTLS without reweighting, by eqs. (16)-(17), with any column cofactors and any ratio of Q_Y
+    to w Q_X.
+    """
     A, w, Q_X = design(points)
-    estimate = wtls(A, w, Q_y=Q_w_over_w_Q_u * w, Q_0=np.diag(Q_0), Q_X=Q_X, algorithm="schaffrin_wieser")
+    estimate = wtls(
+        A, w, Q_y=Q_w_over_w_Q_u * w, Q_0=np.diag(Q_0), Q_X=Q_X, algorithm="schaffrin_wieser"
+    )
     center = estimate.x[:3]
     radius = float(np.sqrt(estimate.x[3] + center @ center))
-    return Answer(center, radius, float(estimate.sigma_0), 0, 0, int(estimate.iterations), bool(estimate.converged))
+    return Answer(
+        center,
+        radius,
+        float(estimate.sigma_0),
+        0,
+        0,
+        int(estimate.iterations),
+        bool(estimate.converged),
+    )
 
 
 def design(points: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray]:
-    """The rows ``A = (2x, 2y, 2z, 1)``, ``Y = w = x² + y² + z²`` and ``Q_X = 1`` of eqs. (2) and (12).
+    """The rows ``A = (2x, 2y, 2z, 1)``, ``Y = w = x² + y² + z²`` and ``Q_X = 1`` of eqs. (2) and
+    (12).
 
     >>> A, w, Q_X = design(np.array([[1.0, 2.0, 2.0]]))
     >>> A, w, Q_X
     (array([[2., 4., 4., 1.]]), array([9.]), array([1.]))
     """
-    return np.column_stack([2 * points, np.ones(len(points))]), np.sum(points**2, axis=1), np.ones(len(points))
+    return (
+        np.column_stack([2 * points, np.ones(len(points))]),
+        np.sum(points**2, axis=1),
+        np.ones(len(points)),
+    )
 
 
 SIGMA_NAMES = {
@@ -135,15 +157,43 @@ READINGS = (
         _wtls,
         partial(_wtls, Q_w_over_w_Q_u=4.0),
     ),
-    Reading("P_X", "10, 12", "1 (no value is given)", "1/4, that is Q_u = 4σ² at σ = 1", _igg3, partial(_igg3, unit_weight=0.25)),
-    Reading("origin of w", "11, 12", "the printed origin of coordinates", "the centroid", _igg3, _igg3_from_centroid),
+    Reading(
+        "P_X",
+        "10, 12",
+        "1 (no value is given)",
+        "1/4, that is Q_u = 4σ² at σ = 1",
+        _igg3,
+        partial(_igg3, unit_weight=0.25),
+    ),
+    Reading(
+        "origin of w",
+        "11, 12",
+        "the printed origin of coordinates",
+        "the centroid",
+        _igg3,
+        _igg3_from_centroid,
+    ),
     Reading("exponent", "13", "1", "2, the usual IGG III", _igg3, partial(_igg3, power=2)),
     *(
-        Reading(f"σ: {SIGMA_NAMES[scale]}", "13", "rms of all points", SIGMA_NAMES[scale], _igg3, partial(_igg3, scale=scale))
+        Reading(
+            f"σ: {SIGMA_NAMES[scale]}",
+            "13",
+            "rms of all points",
+            SIGMA_NAMES[scale],
+            _igg3,
+            partial(_igg3, scale=scale),
+        )
         for scale in SCALES
         if scale != "rms"
     ),
-    Reading("start", "15, line 2", "weighted by Q_Y", "weighted by P_Y, its inverse", _igg3, partial(_igg3, start="P_Y")),
+    Reading(
+        "start",
+        "15, line 2",
+        "weighted by Q_Y",
+        "weighted by P_Y, its inverse",
+        _igg3,
+        partial(_igg3, start="P_Y"),
+    ),
     Reading(
         "cumulation",
         "step 6",
@@ -152,27 +202,33 @@ READINGS = (
         _igg3,
         partial(_igg3, cumulative=False),
     ),
-    Reading("stop", "step 7", "|ΔX| < 1e-6", "|ΔX| < 1e-10", _igg3, partial(_igg3, tolerance=1e-10)),
+    Reading(
+        "stop", "step 7", "|ΔX| < 1e-6", "|ΔX| < 1e-10", _igg3, partial(_igg3, tolerance=1e-10)
+    ),
     Reading("n in n − t", "18", "all points", "the points in use", _igg3, _igg3_points_in_use),
 )
 
 
-def study(clouds: Mapping[str, NDArray[np.float64]], readings: tuple[Reading, ...] = READINGS) -> pd.DataFrame:
+def study(
+    clouds: Mapping[str, NDArray[np.float64]], readings: tuple[Reading, ...] = READINGS
+) -> pd.DataFrame:
     """Run both readings of every place on every cloud.
 
     Parameters
     ----------
-    clouds : name -> (n, 3) points in m; ``"clean"`` must be among them, its LS fit gives the standard deviations.
+    clouds : name -> (n, 3) points in m; ``"clean"`` must be among them, its LS fit gives the
+        standard deviations.
     readings : the places.
 
     Returns
     -------
-    One row a reading and cloud. ``center_mm`` is how far the centre moves from the literal to the other reading,
-    ``radius_mm`` how much the radius grows, ``sigma_0_ratio`` the other σ0 over the literal one; ``…_literal`` and
-    ``…_other`` are the numbers of rejected points (weight 0), of faded ones (weight below ``FADED``, the rejected
-    included) and of iterations, these to two digits; ``matters`` is one of "sphere", "σ0 only", "no",
-    "breaks down". An answer that did not converge to a sphere has no numbers. A reading breaks down if it does not
-    converge or rejects more than half of the points.
+    One row a reading and cloud. ``center_mm`` is how far the centre moves from the literal to the
+    other reading, ``radius_mm`` how much the radius grows, ``sigma_0_ratio`` the other σ0 over the
+    literal one; ``…_literal`` and ``…_other`` are the numbers of rejected points (weight 0), of
+    faded ones (weight below ``FADED``, the rejected included) and of iterations, these to two
+    digits; ``matters`` is one of "sphere", "σ0 only", "no", "breaks down". An answer that did not
+    converge to a sphere has no numbers. A reading breaks down if it does not converge or rejects
+    more than half of the points.
 
     Raises ``KeyError`` without the cloud ``"clean"``.
 
@@ -188,14 +244,24 @@ def study(clouds: Mapping[str, NDArray[np.float64]], readings: tuple[Reading, ..
         for cloud, points in clouds.items():
             change = _change(answer(reading.run_literal, cloud), answer(reading.run_other, cloud))
             matters = _judged(change, len(points), sd_center, sd_radius)
-            rows.append({"equation": reading.equation, "reading": reading.name, "cloud": cloud} | change | {"matters": matters})
+            rows.append(
+                {"equation": reading.equation, "reading": reading.name, "cloud": cloud}
+                | change
+                | {"matters": matters}
+            )
     # Nullable integers: no number stays no number, and whole numbers stay whole.
-    counts = [f"{name}_{side}" for name in ("rejected", "faded", "iterations") for side in ("literal", "other")]
+    counts = [
+        f"{name}_{side}"
+        for name in ("rejected", "faded", "iterations")
+        for side in ("literal", "other")
+    ]
     return pd.DataFrame(rows).astype(dict.fromkeys(counts, "Int64"))
 
 
 def reference(clean: NDArray[np.float64]) -> tuple[float, float]:
-    """Standard deviations in m of centre (root of the sum of the three variances) and radius by LS without gross errors."""
+    """Standard deviations in m of centre (root of the sum of the three variances) and radius by LS
+    without gross errors.
+    """
     sd = fit_sphere(clean, "ls").standard_deviations
     return float(np.linalg.norm(sd[:3])), float(sd[3])
 
@@ -222,7 +288,10 @@ def _judged(change: dict, n: int, sd_center: float, sd_radius: float) -> str:
     """The rule of this study."""
     if np.isnan(change["center_mm"]) or change["rejected_other"] > n / 2:
         return BREAKDOWN
-    if change["center_mm"] > SHARE * 1e3 * sd_center or abs(change["radius_mm"]) > SHARE * 1e3 * sd_radius:
+    if (
+        change["center_mm"] > SHARE * 1e3 * sd_center
+        or abs(change["radius_mm"]) > SHARE * 1e3 * sd_radius
+    ):
         return SPHERE
     if abs(change["sigma_0_ratio"] - 1) > SHARE / np.sqrt(2 * (n - PARAMETERS)):
         return SIGMA_0
@@ -230,26 +299,55 @@ def _judged(change: dict, n: int, sd_center: float, sd_radius: float) -> str:
 
 
 def shown(changes: pd.DataFrame) -> pd.DataFrame:
-    """The table of :func:`study` as a reader wants it: counts as "literal → other", the place once for both clouds."""
-    frame = changes.rename(columns={"equation": "eq.", "center_mm": "centre/mm", "radius_mm": "radius/mm", "sigma_0_ratio": "σ0 ratio"})
+    """The table of :func:`study` as a reader wants it: counts as "literal → other", the place once
+    for both clouds.
+    """
+    frame = changes.rename(
+        columns={
+            "equation": "eq.",
+            "center_mm": "centre/mm",
+            "radius_mm": "radius/mm",
+            "sigma_0_ratio": "σ0 ratio",
+        }
+    )
     for name, head in (("rejected", "rejected"), ("faded", "faded"), ("iterations", "rounds")):
         pairs = zip(changes[f"{name}_literal"], changes[f"{name}_other"], strict=True)
-        frame[head] = [" → ".join("–" if pd.isna(count) else str(count) for count in pair) for pair in pairs]
+        frame[head] = [
+            " → ".join("–" if pd.isna(count) else str(count) for count in pair) for pair in pairs
+        ]
     for column in ("eq.", "reading"):
         frame[column] = frame[column].where(~changes["reading"].duplicated(), "")
-    return frame[["eq.", "reading", "cloud", "centre/mm", "radius/mm", "σ0 ratio", "rejected", "faded", "rounds", "matters"]]
+    return frame[
+        [
+            "eq.",
+            "reading",
+            "cloud",
+            "centre/mm",
+            "radius/mm",
+            "σ0 ratio",
+            "rejected",
+            "faded",
+            "rounds",
+            "matters",
+        ]
+    ]
 
 
 def how_often(trials: int, readings: tuple[Reading, ...] = READINGS) -> pd.DataFrame:
-    """In how many redraws of both clouds the sphere changes by what matters, or the reading breaks down.
+    """In how many redraws of both clouds the sphere changes by what matters, or the reading breaks
+    down.
 
     Parameters: trials, the number of redraws; :func:`study` judges each by its own clean cloud.
     Returns one row a place, ``clean`` and ``gross`` count redraws.
     """
     redraws = zip(sphere_redraws(trials), sphere_redraws(trials, gross=True), strict=True)
-    changes = pd.concat([study({"clean": clean, "gross": gross}, readings) for clean, gross in redraws])
+    changes = pd.concat(
+        [study({"clean": clean, "gross": gross}, readings) for clean, gross in redraws]
+    )
     changes["counts"] = changes["matters"].isin([SPHERE, BREAKDOWN])
-    counts = changes.pivot_table(index=["equation", "reading"], columns="cloud", values="counts", aggfunc="sum", sort=False)
+    counts = changes.pivot_table(
+        index=["equation", "reading"], columns="cloud", values="counts", aggfunc="sum", sort=False
+    )
     return counts.astype(int).reset_index().rename_axis(columns=None)
 
 
@@ -259,11 +357,19 @@ def descriptions(readings: tuple[Reading, ...] = READINGS) -> pd.DataFrame:
     >>> descriptions().loc[4].tolist()
     ['13', 'exponent', '1', '2, the usual IGG III']
     """
-    return pd.DataFrame([{"eq.": r.equation, "reading": r.name, "literal": r.literal, "other": r.other} for r in readings])
+    return pd.DataFrame(
+        [
+            {"eq.": r.equation, "reading": r.name, "literal": r.literal, "other": r.other}
+            for r in readings
+        ]
+    )
 
 
-def scale_and_cumulation(clouds: Mapping[str, NDArray[np.float64]], center: NDArray[np.float64]) -> pd.DataFrame:
-    """Error of the centre for every σ of eq. (13), each with cumulative weights (step 6) and without.
+def scale_and_cumulation(
+    clouds: Mapping[str, NDArray[np.float64]], center: NDArray[np.float64]
+) -> pd.DataFrame:
+    """Error of the centre for every σ of eq. (13), each with cumulative weights (step 6) and
+    without.
 
     Parameters
     ----------
@@ -272,8 +378,9 @@ def scale_and_cumulation(clouds: Mapping[str, NDArray[np.float64]], center: NDAr
 
     Returns
     -------
-    One row a σ and rule, with ``<cloud>_mm``, the distance to the true centre, and ``<cloud>_lost``, the number of
-    points whose weight ended below ``FADED``; no numbers where no sphere was found.
+    One row a σ and rule, with ``<cloud>_mm``, the distance to the true centre, and
+    ``<cloud>_lost``, the number of points whose weight ended below ``FADED``; no numbers where no
+    sphere was found.
     """
     rows = []
     for scale in SCALES:
@@ -282,20 +389,27 @@ def scale_and_cumulation(clouds: Mapping[str, NDArray[np.float64]], center: NDAr
             for cloud, points in clouds.items():
                 answer = _igg3(points, scale=scale, cumulative=cumulative)
                 found = answer.converged
-                row[f"{cloud}_mm"] = round(1e3 * float(np.linalg.norm(answer.center - center)), 6) if found else np.nan
+                row[f"{cloud}_mm"] = (
+                    round(1e3 * float(np.linalg.norm(answer.center - center)), 6)
+                    if found
+                    else np.nan
+                )
                 row[f"{cloud}_lost"] = answer.faded if found else None
             rows.append(row)
     return pd.DataFrame(rows).astype({f"{cloud}_lost": "Int64" for cloud in clouds})
 
 
 def start_as_printed(points: NDArray[np.float64]) -> pd.DataFrame:
-    """What ``[(μA)⁻¹Aᵀμ]Y``, line 4 of eq. (15), can be made of: one row a form, its factors with their shapes.
+    """What ``[(μA)⁻¹Aᵀμ]Y``, line 4 of eq. (15), can be made of: one row a form, its factors with
+    their shapes.
 
     An inverse needs a square matrix; a product needs equal inner dimensions.
 
     >>> print(start_as_printed(np.arange(18.0).reshape(6, 3) ** 2).to_string(index=False, header=False))
-         (μA)⁻¹ Aᵀμ Y, as printed  (6 × 4)⁻¹ · (4 × 6) · (6 × 1) no: only a square matrix has an inverse
-     (μA)⁺ Aᵀμ Y, pseudo-inverse    (4 × 6) · (4 × 6) · (6 × 1)      no: inner dimensions 6 and 4 differ
+         (μA)⁻¹ Aᵀμ Y, as printed  (6 × 4)⁻¹ · (4 × 6) · (6 × 1) no: only a square matrix has an
+         inverse
+     (μA)⁺ Aᵀμ Y, pseudo-inverse    (4 × 6) · (4 × 6) · (6 × 1)      no: inner dimensions 6 and 4
+     differ
       (AᵀμA)⁻¹ Aᵀμ Y, Aᵀ added  (4 × 4)⁻¹ · (4 × 6) · (6 × 1)                     yes: 4 parameters
     """
     A, w, _ = design(points)
@@ -324,13 +438,15 @@ def _shape(array: NDArray) -> str:
 
 
 def zero_weight(points: NDArray[np.float64], rejected: int) -> pd.DataFrame:
-    """ν of eq. (16) when one point has weight 0: as printed, by sums, and as printed without that point.
+    """ν of eq. (16) when one point has weight 0: as printed, by sums, and as printed without that
+    point.
 
-    The printed ``Q = P⁻¹`` makes the cofactors of the point infinite, so its λ is 0 and ``ν = λᵀQ_Xλ`` holds a 0·∞.
-    With ``μ = ωP/(w + κ)`` the same sum is ``ν = Σ ωP r²/(w + κ)²``, where nothing is divided by ω.
+    The printed ``Q = P⁻¹`` makes the cofactors of the point infinite, so its λ is 0 and
+    ``ν = λᵀQ_Xλ`` holds a 0·∞. With ``μ = ωP/(w + κ)`` the same sum is ``ν = Σ ωP r²/(w + κ)²``,
+    where nothing is divided by ω.
 
-    Parameters: points (n, 3) in m, n small, because the printed form is computed with its n × n matrices; rejected,
-    the index of the point of weight 0.
+    Parameters: points (n, 3) in m, n small, because the printed form is computed with its n × n
+    matrices; rejected, the index of the point of weight 0.
 
     >>> from studies.ou_liu_2017.clouds import read_sphere_cloud
     >>> nu = zero_weight(read_sphere_cloud(gross=True)[:12], rejected=11)["nu"]

@@ -1,9 +1,10 @@
-"""Real scans of sphere targets: what every method, and what other libraries return, beside a reference sphere.
+"""Real scans of sphere targets: what every method, and what other libraries return, beside a
+reference sphere.
 
-The scans hold more than the sphere: a flat surface that stands beside it, and mixed pixels, whose beam
-falls partly on the rim of the sphere and partly on what is behind. The reference is the centre that the
-routine of the National Institute of Standards and Technology (NIST) for ASTM E3125 finds with the
-radius held at its nominal value, and that radius. It is a reference and not the truth.
+The scans hold more than the sphere: a flat surface that stands beside it, and mixed pixels, whose
+beam falls partly on the rim of the sphere and partly on what is behind. The reference is the centre
+that the routine of the National Institute of Standards and Technology (NIST) for ASTM E3125 finds
+with the radius held at its nominal value, and that radius. It is a reference and not the truth.
 
 Source: NIST, repository usnistgov/DMG_SphereFitting; not subject to copyright in the United States.
 """
@@ -32,21 +33,29 @@ REFERENCE_CENTERS = {  # m
     "SPH103": (-3.508773, 5.865925, -1.570917),
     "SPH107": (-5.880140, 3.631157, 0.040103),
 }
-# Asked of `robust` on whole scans: (radius free or held, error of) -> median and largest over the scans, mm.
-LIMITS = {("free", "center"): (0.2, 0.4), ("free", "radius"): (0.2, 0.3), ("held", "center"): (0.05, 0.15)}
+# Asked of `robust` on whole scans: (radius free or held, error of) -> median and largest over the
+# scans, mm.
+LIMITS = {
+    ("free", "center"): (0.2, 0.4),
+    ("free", "radius"): (0.2, 0.3),
+    ("held", "center"): (0.05, 0.15),
+}
 WHOLE = np.inf  # half-width of the cut that leaves a scan as it is
 
 
 def read(scan: str) -> np.ndarray:
     """Points of a scan, (n, 3) in m, in the frame of the scanner.
 
-    Raises ``ValueError`` for a scan without a reference and ``FileNotFoundError`` for one that was not fetched.
+    Raises ``ValueError`` for a scan without a reference and ``FileNotFoundError`` for one that was
+    not fetched.
     """
     if scan not in REFERENCE_CENTERS:
         raise ValueError(f"scan: expected one of {', '.join(REFERENCE_CENTERS)}; got {scan!r}")
     path = SCANS / f"{scan}.xyz"
     if not path.is_file():
-        raise FileNotFoundError(f"{path.name} is not in data/scans: `make scans` fetches the real scans.")
+        raise FileNotFoundError(
+            f"{path.name} is not in data/scans: `make scans` fetches the real scans."
+        )
     return read_points(path)
 
 
@@ -64,7 +73,8 @@ def cut(points: np.ndarray, scan: str, half_width: float) -> np.ndarray:
 
 
 def contents(scans: Iterable[str], half_width: float) -> pd.DataFrame:
-    """What each scan holds: points, those within ``half_width`` (m) of the reference sphere, and the distances of the others.
+    """What each scan holds: points, those within ``half_width`` (m) of the reference sphere, and
+    the distances of the others.
 
     The range is that of the reference centre from the scanner, which stands in the origin.
     """
@@ -88,18 +98,25 @@ def contents(scans: Iterable[str], half_width: float) -> pd.DataFrame:
 
 
 def methods(scans: Iterable[str], half_widths: Iterable[float] = (WHOLE,)) -> pd.DataFrame:
-    """Every sphere method on every scan, cut to every half-width (m) about the reference sphere: one row a fit."""
+    """Every sphere method on every scan, cut to every half-width (m) about the reference sphere:
+    one row a fit.
+    """
     rows = []
     for scan in scans:
         points = read(scan)
         for half_width in half_widths:
             part = cut(points, scan, half_width)
-            rows += [{"half_width_mm": 1e3 * half_width, "method": name} | _row(_fit(part, name), scan) for name in SPHERE_METHODS]
+            rows += [
+                {"half_width_mm": 1e3 * half_width, "method": name} | _row(_fit(part, name), scan)
+                for name in SPHERE_METHODS
+            ]
     return _scan_first(rows)
 
 
 def scale_readings(scans: Iterable[str], scales: Iterable[str]) -> pd.DataFrame:
-    """IGG III-WTLS on the whole scans with every reading of σ in V/σ, weights cumulative or not: one row a fit."""
+    """IGG III-WTLS on the whole scans with every reading of σ in V/σ, weights cumulative or not:
+    one row a fit.
+    """
     rows = []
     for scan in scans:
         points = read(scan)
@@ -111,10 +128,11 @@ def scale_readings(scans: Iterable[str], scales: Iterable[str]) -> pd.DataFrame:
 
 
 def robust_fits(scans: Iterable[str], offset: Iterable[float]) -> pd.DataFrame:
-    """``robust`` on the whole scans: radius free and held, coordinates as they are and with ``offset`` (m) added. One row a fit.
+    """``robust`` on the whole scans: radius free and held, coordinates as they are and with
+    ``offset`` (m) added. One row a fit.
 
-    Columns: radius, offset, scan; ``center_error_mm`` and ``radius_error_mm`` from the reference; ``sd_center_mm`` as the fit states it;
-    ``in_use``, points.
+    Columns: radius, offset, scan; ``center_error_mm`` and ``radius_error_mm`` from the reference;
+    ``sd_center_mm`` as the fit states it; ``in_use``, points.
     """
     rows = []
     for radius, options in (("free", {}), ("held", {"radius": NOMINAL_RADIUS})):
@@ -122,7 +140,12 @@ def robust_fits(scans: Iterable[str], offset: Iterable[float]) -> pd.DataFrame:
             for scan in scans:
                 fit = _fit(read(scan) + shift, "robust", **options)
                 error = fit.center - shift - REFERENCE_CENTERS[scan]
-                row = {"radius": radius, "offset": added, "scan": scan, "center_error_mm": 1e3 * np.linalg.norm(error)}
+                row = {
+                    "radius": radius,
+                    "offset": added,
+                    "scan": scan,
+                    "center_error_mm": 1e3 * np.linalg.norm(error),
+                }
                 row["radius_error_mm"] = 1e3 * (fit.radius - NOMINAL_RADIUS)
                 row["sd_center_mm"] = 1e3 * np.linalg.norm(fit.standard_deviations[:3])
                 rows.append(row | {"in_use": np.count_nonzero(fit.inliers)})
@@ -130,14 +153,27 @@ def robust_fits(scans: Iterable[str], offset: Iterable[float]) -> pd.DataFrame:
 
 
 def limits(table: pd.DataFrame) -> pd.DataFrame:
-    """What is asked of ``robust`` on the whole scans, beside the errors of a table of :func:`robust_fits`, mm."""
+    """What is asked of ``robust`` on the whole scans, beside the errors of a table of
+    :func:`robust_fits`, mm.
+    """
     rows = []
     for (radius, quantity), (median, largest) in LIMITS.items():
         for offset in ("no", "yes"):
-            errors = table.loc[(table["radius"] == radius) & (table["offset"] == offset), f"{quantity}_error_mm"].abs()
-            row = {"radius": radius, "error of the": quantity, "offset": offset, "median": errors.median(), "asked": median}
+            errors = table.loc[
+                (table["radius"] == radius) & (table["offset"] == offset), f"{quantity}_error_mm"
+            ].abs()
+            row = {
+                "radius": radius,
+                "error of the": quantity,
+                "offset": offset,
+                "median": errors.median(),
+                "asked": median,
+            }
             holds = errors.max() <= largest and errors.median() <= median
-            rows.append(row | {"largest": errors.max(), "asked ": largest, "holds": "yes" if holds else "NO"})
+            rows.append(
+                row
+                | {"largest": errors.max(), "asked ": largest, "holds": "yes" if holds else "NO"}
+            )
     return pd.DataFrame(rows)
 
 
@@ -149,37 +185,56 @@ def peer_fits(scans: Iterable[str], told: float) -> pd.DataFrame:
     fits = {peers.LIBRARY: peers.best_fit}
     for loss in peers.LOSSES:
         fits[f"scipy {loss}"] = partial(peers.robust_loss, loss=loss)
-        fits[f"scipy {loss}, told {1e3 * told:g} mm"] = partial(peers.robust_loss, loss=loss, scale=told)
+        fits[f"scipy {loss}, told {1e3 * told:g} mm"] = partial(
+            peers.robust_loss, loss=loss, scale=told
+        )
     rows = []
     for name, fit in fits.items():
         for scan in scans:
             sphere = fit(read(scan))
-            errors = 1e3 * np.linalg.norm(sphere[:3] - REFERENCE_CENTERS[scan]), 1e3 * (sphere[3] - NOMINAL_RADIUS)
-            rows.append({"scan": scan, "method": name} | dict(zip(("center_error_mm", "radius_error_mm"), errors, strict=True)))
+            errors = (
+                1e3 * np.linalg.norm(sphere[:3] - REFERENCE_CENTERS[scan]),
+                1e3 * (sphere[3] - NOMINAL_RADIUS),
+            )
+            rows.append(
+                {"scan": scan, "method": name}
+                | dict(zip(("center_error_mm", "radius_error_mm"), errors, strict=True))
+            )
     return pd.DataFrame(rows)
 
 
 def summary(whole_scans: pd.DataFrame, robust: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
-    """Median and largest error from the reference over the whole scans in mm, one row a method: ours, then the peers.
+    """Median and largest error from the reference over the whole scans in mm, one row a method:
+    ours, then the peers.
 
     Parameters: the tables of :func:`methods`, :func:`robust_fits` and :func:`peer_fits`.
     """
     labels = {name: method.label for name, method in SPHERE_METHODS.items()}
-    held = robust[(robust["radius"] == "held") & (robust["offset"] == "no")].assign(method="robust, radius held at 50 mm")
+    held = robust[(robust["radius"] == "held") & (robust["offset"] == "no")].assign(
+        method="robust, radius held at 50 mm"
+    )
     every = pd.concat([whole_scans.assign(method=whole_scans["method"].map(labels)), held, other])
     every["radius_error_mm"] = every["radius_error_mm"].abs()
-    found = every.groupby("method", sort=False)[["center_error_mm", "radius_error_mm"]].agg(["median", "max"])
-    found.columns = ["centre, median/mm", "centre, largest/mm", "radius, median/mm", "radius, largest/mm"]
+    found = every.groupby("method", sort=False)[["center_error_mm", "radius_error_mm"]].agg(
+        ["median", "max"]
+    )
+    found.columns = [
+        "centre, median/mm",
+        "centre, largest/mm",
+        "radius, median/mm",
+        "radius, largest/mm",
+    ]
     return found.reset_index()
 
 
 def masking(scans: Iterable[str], half_width: float, k0: float, k1: float) -> pd.DataFrame:
-    """Why a scale from all points rejects so little: what IGG III would do at the LS start and at the reference sphere.
+    """Why a scale from all points rejects so little: what IGG III would do at the LS start and at
+    the reference sphere.
 
-    σ is the RMS distance of all points, rejected ones included, from the sphere in question. Of the points off
-    the sphere, those farther than ``half_width`` (m) from the reference sphere, some lie beyond ``k1·σ`` and are
-    rejected; those within ``k0·σ`` keep their weight. The last columns are what the literal reading rejects in
-    the end, in percent of the points off and on the sphere.
+    σ is the RMS distance of all points, rejected ones included, from the sphere in question. Of the
+    points off the sphere, those farther than ``half_width`` (m) from the reference sphere, some lie
+    beyond ``k1·σ`` and are rejected; those within ``k0·σ`` keep their weight. The last columns are
+    what the literal reading rejects in the end, in percent of the points off and on the sphere.
     """
     rows = []
     for scan in scans:
@@ -193,14 +248,21 @@ def masking(scans: Iterable[str], half_width: float, k0: float, k1: float) -> pd
             row[f"{place}_beyond_percent"] = 100 * np.mean(u > k1)
             row[f"{place}_kept_percent"] = 100 * np.mean(u < k0)
         rejected = ~_fit(points, "igg3_wtls", k0=k0, k1=k1).inliers
-        rows.append(row | {"rejected_off_percent": 100 * np.mean(rejected[off]), "rejected_on_percent": 100 * np.mean(rejected[~off])})
+        rows.append(
+            row
+            | {
+                "rejected_off_percent": 100 * np.mean(rejected[off]),
+                "rejected_on_percent": 100 * np.mean(rejected[~off]),
+            }
+        )
     return pd.DataFrame(rows)
 
 
 def ranges(table: pd.DataFrame) -> pd.DataFrame:
     """Smallest and largest over the scans, a row for each half-width and method.
 
-    Errors of centre and radius in mm, and the centre error over the standard deviation that the fit states for the centre.
+    Errors of centre and radius in mm, and the centre error over the standard deviation that the fit
+    states for the centre.
     """
     table = table.assign(error_over_sd=table["center_error_mm"] / table["sd_center_mm"])
     names = ["center_error_mm", "radius_error_mm", "error_over_sd"]
@@ -210,17 +272,21 @@ def ranges(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_scan(table: pd.DataFrame, keys: list[str], value: str) -> pd.DataFrame:
-    """One value of a tidy table with a column a scan and a row for each combination of ``keys``, in their order in the table."""
+    """One value of a tidy table with a column a scan and a row for each combination of ``keys``, in
+    their order in the table.
+    """
     wide = table.pivot(index=keys, columns="scan", values=value)
-    return wide.reindex(table.set_index(keys).index.unique()).rename_axis(columns=None).reset_index()
+    return (
+        wide.reindex(table.set_index(keys).index.unique()).rename_axis(columns=None).reset_index()
+    )
 
 
 def section(scan: str, half_thickness: float, half_width: float) -> pd.DataFrame:
     """The points near the horizontal plane through the reference centre, seen from above.
 
-    Columns along_mm and across_mm: coordinates from the reference centre along the horizontal line of sight,
-    away from the scanner, and to the left of it; on_sphere: within ``half_width`` (m) of the reference sphere.
-    ``half_thickness`` of the slice in m.
+    Columns along_mm and across_mm: coordinates from the reference centre along the horizontal line
+    of sight, away from the scanner, and to the left of it; on_sphere: within ``half_width`` (m) of
+    the reference sphere. ``half_thickness`` of the slice in m.
     """
     points = read(scan)
     D = points - REFERENCE_CENTERS[scan]
@@ -231,19 +297,30 @@ def section(scan: str, half_thickness: float, half_width: float) -> pd.DataFrame
 
 
 def section_circles(scan: str, half_width: float) -> pd.DataFrame:
-    """The circle that each method's sphere, fitted to the scan cut to ``half_width``, makes in the plane of :func:`section`."""
+    """The circle that each method's sphere, fitted to the scan cut to ``half_width``, makes in the
+    plane of :func:`section`.
+    """
     part = cut(read(scan), scan, half_width)
     rows = []
     for name in SPHERE_METHODS:
         fit = _fit(part, name)
         dx, dy, dz = fit.center - REFERENCE_CENTERS[scan]
         along, across = 1e3 * _sight(scan) @ (dx, dy)
-        rows.append({"method": name, "along_mm": along, "across_mm": across, "radius_mm": 1e3 * np.sqrt(fit.radius**2 - dz**2)})
+        rows.append(
+            {
+                "method": name,
+                "along_mm": along,
+                "across_mm": across,
+                "radius_mm": 1e3 * np.sqrt(fit.radius**2 - dz**2),
+            }
+        )
     return pd.DataFrame(rows)
 
 
 def _sight(scan: str) -> np.ndarray:
-    """(2, 2) horizontal unit vectors as rows: from the scanner to the sphere, and to the left of that."""
+    """(2, 2) horizontal unit vectors as rows: from the scanner to the sphere, and to the left of
+    that.
+    """
     x, y = np.array(REFERENCE_CENTERS[scan][:2]) / np.hypot(*REFERENCE_CENTERS[scan][:2])
     return np.array([[x, y], [-y, x]])
 
@@ -256,7 +333,9 @@ def _fit(points: np.ndarray, method: str, **options) -> SphereFit:
 
 
 def _row(fit: SphereFit, scan: str) -> dict:
-    """What a fit returns and its difference from the reference; where it did not converge, only that, for it has no result."""
+    """What a fit returns and its difference from the reference; where it did not converge, only
+    that, for it has no result.
+    """
     return {
         "scan": scan,
         "points": len(fit.weights),
@@ -280,7 +359,10 @@ def _lengths(fit: SphereFit, scan: str) -> dict:
     values = (
         *(*fit.parameters, *deviations, np.linalg.norm(deviations[:3])),
         *(fit.sigma_0, 1e3 * fit.sigma_s, 1e3 * fit.sigma_s_inliers),
-        *(1e3 * np.linalg.norm(fit.center - REFERENCE_CENTERS[scan]), 1e3 * (fit.radius - NOMINAL_RADIUS)),
+        *(
+            1e3 * np.linalg.norm(fit.center - REFERENCE_CENTERS[scan]),
+            1e3 * (fit.radius - NOMINAL_RADIUS),
+        ),
     )
     return dict(zip(LENGTHS, values, strict=True))
 

@@ -1,8 +1,10 @@
-"""Are the checks right? How often they raise a false alarm on right tables, and how often they find a slip planted in them.
+"""Are the checks right? How often they raise a false alarm on right tables, and how often they find
+a slip planted in them.
 
-The right tables are simulated: all three tables of Ou & Liu (2017) and the percentages of the text, from points of our own, with the
-digits that the paper keeps. Half of the gross errors of table 2 have the sizes assumed for the committed cloud, half are of any
-size up to 3.5 m, so that some of them stay unseen.
+The right tables are simulated: all three tables of Ou & Liu (2017) and the percentages of the text,
+from points of our own, with the digits that the paper keeps. Half of the gross errors of table 2
+have the sizes assumed for the committed cloud, half are of any size up to 3.5 m, so that some of
+them stay unseen.
 """
 
 from __future__ import annotations
@@ -31,29 +33,42 @@ PAPERS_METHODS = {name: {"method": name} for name in METHODS.values()}
 
 
 def right_papers(trials: int, seed: int) -> list[Paper]:
-    """As many papers in which nothing is wrong: the printed ones with every number of tables 1 to 3 and every percentage simulated.
+    """As many papers in which nothing is wrong: the printed ones with every number of tables 1 to 3
+    and every percentage simulated.
 
-    Rounded as printed: tables 1 and 2 to the same decimals, table 3 to four decimals or five digits. Beside the numbers that are printed a
-    paper holds ``in use/…``, σs of IGG III-WTLS over the points in use, for slips.
+    Rounded as printed: tables 1 and 2 to the same decimals, table 3 to four decimals or five
+    digits. Beside the numbers that are printed a paper holds ``in use/…``, σs of IGG III-WTLS over
+    the points in use, for slips.
     """
     values: dict[str, NDArray[np.float64]] = {}
     half = trials // 2
-    gross = np.concatenate([sphere_redraws(half, seed, gross=True), redraws_of_any_size(trials, seed)[half:]])
+    gross = np.concatenate(
+        [sphere_redraws(half, seed, gross=True), redraws_of_any_size(trials, seed)[half:]]
+    )
     for table, points in ((1, sphere_redraws(trials, seed)), (2, gross)):
         study = sphere_study(points, TRUTH, PAPERS_METHODS)
         for (method, quantity), column in printed_quantities(study).items():
             values[f"ou_liu_2017/table{table}/{method}/{quantity}"] = column
-        values[f"in use/ou_liu_2017/table{table}/igg3_wtls/sigma_s_m"] = study["igg3_wtls"]["sigma_s_inliers_m"].to_numpy()
+        values[f"in use/ou_liu_2017/table{table}/igg3_wtls/sigma_s_m"] = study["igg3_wtls"][
+            "sigma_s_inliers_m"
+        ].to_numpy()
     for sample, target in table3.scans(seed).items():
         truth = table3.truths()[sample]
         points = redraw(target, trials, seed)[:, target.on("sphere")]
         for method, frame in sphere_study(points, truth, PAPERS_METHODS).items():
             place = f"ou_liu_2017/table3/{sample}/{method}/"
             spheres = frame[[f"delta_{name}_m" for name in "abcr"]].to_numpy() + truth
-            values |= {f"{place}{name}_m": column for name, column in zip("abcr", spheres.T, strict=True)}
+            values |= {
+                f"{place}{name}_m": column for name, column in zip("abcr", spheres.T, strict=True)
+            }
             values[place + "abs_delta_r_m"] = np.abs(spheres[:, 3] - RADIUS)
-            values |= {place + quantity: frame[quantity].to_numpy() for quantity in ("sigma_0", "sigma_s_m")}
-            values[f"ou_liu_2017/rel_radius_{sample}_{STATEMENT[method]}"] = 100 * values[place + "abs_delta_r_m"] / RADIUS
+            values |= {
+                place + quantity: frame[quantity].to_numpy()
+                for quantity in ("sigma_0", "sigma_s_m")
+            }
+            values[f"ou_liu_2017/rel_radius_{sample}_{STATEMENT[method]}"] = (
+                100 * values[place + "abs_delta_r_m"] / RADIUS
+            )
     return [_written(values, trial) for trial in range(trials)]
 
 
@@ -80,11 +95,18 @@ def rewritten(number, value: float):
 
 
 def false_alarms(papers: Iterable[Paper]) -> pd.DataFrame:
-    """How often each check, and any, is violated by right papers: ``check``, ``papers``, ``false alarms``, ``percent``."""
+    """How often each check, and any, is violated by right papers: ``check``, ``papers``,
+    ``false alarms``, ``percent``.
+    """
     raised = pd.DataFrame([{name: not _holds(name, paper) for name in CHECKS} for paper in papers])
     raised["any"] = raised.any(axis=1)
     rows = [
-        {"check": name, "papers": len(raised), "false alarms": int(raised[name].sum()), "percent": 100 * raised[name].mean()}
+        {
+            "check": name,
+            "papers": len(raised),
+            "false alarms": int(raised[name].sum()),
+            "percent": 100 * raised[name].mean(),
+        }
         for name in raised
     ]
     return pd.DataFrame(rows)
@@ -99,7 +121,9 @@ def _holds(check: str, paper: Paper) -> bool:
 
 @dataclass(frozen=True)
 class Slip:
-    """A slip, how it is planted (paper, generator -> wrong paper), and the check that claims to find it."""
+    """A slip, how it is planted (paper, generator -> wrong paper), and the check that claims to
+    find it.
+    """
 
     name: str
     plant: Callable[[Paper, np.random.Generator], Paper]
@@ -107,7 +131,9 @@ class Slip:
 
 
 def with_digit(paper: Paper, name: str, place: int, generator: np.random.Generator) -> Paper:
-    """The paper with one digit of one number replaced by another one; place 0 is the first that is not zero."""
+    """The paper with one digit of one number replaced by another one; place 0 is the first that is
+    not zero.
+    """
     text = paper[name].text
     digits = [i for i, sign in enumerate(text.partition("e")[0]) if sign.isdigit()]
     first = next((i for i, position in enumerate(digits) if text[position] != "0"), len(digits) - 1)
@@ -119,7 +145,12 @@ def with_digit(paper: Paper, name: str, place: int, generator: np.random.Generat
 
 def with_exponent(paper: Paper, name: str, generator: np.random.Generator) -> Paper:
     """The paper with one number ten times too large or too small."""
-    return {**paper, name: rewritten(paper[name], paper[name].value * 10.0 ** (2 * int(generator.integers(2)) - 1))}
+    return {
+        **paper,
+        name: rewritten(
+            paper[name], paper[name].value * 10.0 ** (2 * int(generator.integers(2)) - 1)
+        ),
+    }
 
 
 def with_rows_exchanged(paper: Paper, first: str, second: str) -> Paper:
@@ -129,7 +160,9 @@ def with_rows_exchanged(paper: Paper, first: str, second: str) -> Paper:
         if name.startswith(first):
             other = second + name.removeprefix(first)
             for mine, its in ((name, other), (other, name)):
-                changed[mine] = replace(paper[mine], text=paper[its].text, decimals=paper[its].decimals)
+                changed[mine] = replace(
+                    paper[mine], text=paper[its].text, decimals=paper[its].decimals
+                )
     return changed
 
 
@@ -144,7 +177,9 @@ def with_wrong_sign(paper: Paper, generator: np.random.Generator) -> Paper:
     changed = dict(paper)
     for method in METHODS.values():
         one = row(paper, 2, method)
-        errors = np.array([one[quantity] for quantity in list(SYMBOLS)[:4]]) * (2 * generator.integers(2, size=4) - 1)
+        errors = np.array([one[quantity] for quantity in list(SYMBOLS)[:4]]) * (
+            2 * generator.integers(2, size=4) - 1
+        )
         radius = radius_with_wrong_sign(TRUTH + errors)
         if np.isfinite(radius):
             name = one.ids["abs_delta_r_m"]
@@ -153,26 +188,41 @@ def with_wrong_sign(paper: Paper, generator: np.random.Generator) -> Paper:
 
 
 def with_ten_times_the_error(paper: Paper, generator: np.random.Generator) -> Paper:
-    """The paper with Δc or Δr of LS in table 1 ten times too large; one of them, and not below a millimetre before."""
+    """The paper with Δc or Δr of LS in table 1 ten times too large; one of them, and not below a
+    millimetre before.
+    """
     name = f"ou_liu_2017/table1/ls/abs_delta_{'cr'[int(generator.integers(2))]}_m"
     return {**paper, name: rewritten(paper[name], 10 * max(paper[name].value, 0.001))}
 
 
 def _any_of(*names: str, place: int) -> Callable[[Paper, np.random.Generator], Paper]:
-    return lambda paper, generator: with_digit(paper, names[int(generator.integers(len(names)))], place, generator)
+    return lambda paper, generator: with_digit(
+        paper, names[int(generator.integers(len(names)))], place, generator
+    )
 
 
 def _exponent_of(*names: str) -> Callable[[Paper, np.random.Generator], Paper]:
-    return lambda paper, generator: with_exponent(paper, names[int(generator.integers(len(names)))], generator)
+    return lambda paper, generator: with_exponent(
+        paper, names[int(generator.integers(len(names)))], generator
+    )
 
 
 def _numbers(table: int, methods: Iterable[str], quantities: Iterable[str]) -> list[str]:
     samples = [f"{sample}/" for sample in SAMPLES] if table == 3 else [""]
-    return [f"ou_liu_2017/table{table}/{sample}{m}/{q}" for sample in samples for m in methods for q in quantities]
+    return [
+        f"ou_liu_2017/table{table}/{sample}{m}/{q}"
+        for sample in samples
+        for m in methods
+        for q in quantities
+    ]
 
 
-def _exchanged(table: int, first: str, second: str) -> Callable[[Paper, np.random.Generator], Paper]:
-    return lambda paper, generator: with_rows_exchanged(paper, f"ou_liu_2017/table{table}/{first}/", f"ou_liu_2017/table{table}/{second}/")
+def _exchanged(
+    table: int, first: str, second: str
+) -> Callable[[Paper, np.random.Generator], Paper]:
+    return lambda paper, generator: with_rows_exchanged(
+        paper, f"ou_liu_2017/table{table}/{first}/", f"ou_liu_2017/table{table}/{second}/"
+    )
 
 
 _TABLES = [name for name in printed() if "/table" in name]
@@ -180,24 +230,78 @@ _PERCENTAGES = [name for name in printed() if "/rel_radius_" in name]
 _BOTH, _IGG = ("ls", "tls"), ("igg3_wtls",)
 _SIGMAS, _HEIGHT = ("sigma_0", "sigma_s_m"), ("abs_delta_c_m", "abs_delta_r_m")
 SLIPS = (
-    Slip("first digit of σ0 or σs, LS and TLS, table 1", _any_of(*_numbers(1, _BOTH, _SIGMAS), place=0), "σ0 against σs"),
-    Slip("second digit of the same", _any_of(*_numbers(1, _BOTH, _SIGMAS), place=1), "σ0 against σs"),
-    Slip("exponent of σ0 or σs, LS, table 1", _exponent_of(*_numbers(1, ["ls"], _SIGMAS)), "σ0 against σs"),
-    Slip("exponent of σ0 or σs, LS, table 2", _exponent_of(*_numbers(2, ["ls"], _SIGMAS)), "σ0 against σs"),
-    Slip("exponent of σ0, LS and TLS, table 3", _exponent_of(*_numbers(3, _BOTH, ["sigma_0"])), "σ0 of scans"),
-    Slip("exponent of σ0, IGG III-WTLS, table 3", _exponent_of(*_numbers(3, _IGG, ["sigma_0"])), "unit weight of scans"),
-    Slip("rows of LS and TLS exchanged, table 2", _exchanged(2, "ls", "tls"), "least squares is least"),
+    Slip(
+        "first digit of σ0 or σs, LS and TLS, table 1",
+        _any_of(*_numbers(1, _BOTH, _SIGMAS), place=0),
+        "σ0 against σs",
+    ),
+    Slip(
+        "second digit of the same", _any_of(*_numbers(1, _BOTH, _SIGMAS), place=1), "σ0 against σs"
+    ),
+    Slip(
+        "exponent of σ0 or σs, LS, table 1",
+        _exponent_of(*_numbers(1, ["ls"], _SIGMAS)),
+        "σ0 against σs",
+    ),
+    Slip(
+        "exponent of σ0 or σs, LS, table 2",
+        _exponent_of(*_numbers(2, ["ls"], _SIGMAS)),
+        "σ0 against σs",
+    ),
+    Slip(
+        "exponent of σ0, LS and TLS, table 3",
+        _exponent_of(*_numbers(3, _BOTH, ["sigma_0"])),
+        "σ0 of scans",
+    ),
+    Slip(
+        "exponent of σ0, IGG III-WTLS, table 3",
+        _exponent_of(*_numbers(3, _IGG, ["sigma_0"])),
+        "unit weight of scans",
+    ),
+    Slip(
+        "rows of LS and TLS exchanged, table 2",
+        _exchanged(2, "ls", "tls"),
+        "least squares is least",
+    ),
     Slip("rows of LS and IGG III-WTLS exchanged, table 1", _exchanged(1, "ls", "igg3_wtls")),
     Slip("rows of LS and IGG III-WTLS exchanged, table 2", _exchanged(2, "ls", "igg3_wtls")),
-    Slip("σs over the points in use, table 2", lambda paper, _: with_points_in_use(paper, 2), "σs over all points"),
+    Slip(
+        "σs over the points in use, table 2",
+        lambda paper, _: with_points_in_use(paper, 2),
+        "σs over all points",
+    ),
     Slip("Δc or Δr ten times too large, LS, table 1", with_ten_times_the_error, "Δr follows Δk"),
-    Slip("first digit of Δc or Δr, LS, table 2", _any_of(*_numbers(2, ["ls"], _HEIGHT), place=0), "gross residuals"),
+    Slip(
+        "first digit of Δc or Δr, LS, table 2",
+        _any_of(*_numbers(2, ["ls"], _HEIGHT), place=0),
+        "gross residuals",
+    ),
     Slip("Δr from δ with the wrong sign, table 2", with_wrong_sign, "sphere between points"),
-    Slip("first digit of b or c, LS or TLS, table 3", _any_of(*_numbers(3, _BOTH, ("b_m", "c_m")), place=0), "centres of scans"),
-    Slip("second digit of the same", _any_of(*_numbers(3, _BOTH, ("b_m", "c_m")), place=1), "centres of scans"),
-    Slip("last digit of the same", _any_of(*_numbers(3, _BOTH, ("b_m", "c_m")), place=9), "only difference"),
-    Slip("first digit of |Δr|, table 3", _any_of(*_numbers(3, METHODS.values(), ["abs_delta_r_m"]), place=0), "radius errors"),
-    Slip("second digit of r, table 3", _any_of(*_numbers(3, METHODS.values(), ["r_m"]), place=1), "radius errors"),
+    Slip(
+        "first digit of b or c, LS or TLS, table 3",
+        _any_of(*_numbers(3, _BOTH, ("b_m", "c_m")), place=0),
+        "centres of scans",
+    ),
+    Slip(
+        "second digit of the same",
+        _any_of(*_numbers(3, _BOTH, ("b_m", "c_m")), place=1),
+        "centres of scans",
+    ),
+    Slip(
+        "last digit of the same",
+        _any_of(*_numbers(3, _BOTH, ("b_m", "c_m")), place=9),
+        "only difference",
+    ),
+    Slip(
+        "first digit of |Δr|, table 3",
+        _any_of(*_numbers(3, METHODS.values(), ["abs_delta_r_m"]), place=0),
+        "radius errors",
+    ),
+    Slip(
+        "second digit of r, table 3",
+        _any_of(*_numbers(3, METHODS.values(), ["r_m"]), place=1),
+        "radius errors",
+    ),
     Slip("first digit of a percentage", _any_of(*_PERCENTAGES, place=0), "percentages"),
     Slip("first digit of any number of the tables", _any_of(*_TABLES, place=0)),
     Slip("second digit of any number of the tables", _any_of(*_TABLES, place=1)),
@@ -206,9 +310,11 @@ SLIPS = (
 
 
 def detection_rates(papers: list[Paper], seed: int) -> pd.DataFrame:
-    """Each slip planted once in every paper: the share in percent that the check which claims it finds, and that any check finds.
+    """Each slip planted once in every paper: the share in percent that the check which claims it
+    finds, and that any check finds.
 
-    Columns: ``slip``, ``check`` (which claims to find it, empty if none does), ``papers``, ``by it``, ``by any``.
+    Columns: ``slip``, ``check`` (which claims to find it, empty if none does), ``papers``,
+    ``by it``, ``by any``.
     """
     rows = []
     for slip, child in zip(SLIPS, np.random.SeedSequence(seed).spawn(len(SLIPS)), strict=True):
@@ -217,5 +323,13 @@ def detection_rates(papers: list[Paper], seed: int) -> pd.DataFrame:
         found = np.array([[not _holds(name, paper) for name in CHECKS] for paper in wrong])
         own = 100 * found[:, list(CHECKS).index(slip.check)].mean() if slip.check else np.nan
         any_check = 100 * found.any(axis=1).mean()
-        rows.append({"slip": slip.name, "check": slip.check or "", "papers": len(papers), "by it": own, "by any": any_check})
+        rows.append(
+            {
+                "slip": slip.name,
+                "check": slip.check or "",
+                "papers": len(papers),
+                "by it": own,
+                "by any": any_check,
+            }
+        )
     return pd.DataFrame(rows)

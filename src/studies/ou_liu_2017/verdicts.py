@@ -1,4 +1,6 @@
-"""The verdicts on Ou & Liu (2017): tables 1 to 3 by redraws and checks, the text by what the notebooks found."""
+"""The verdicts on Ou & Liu (2017): tables 1 to 3 by redraws and checks, the text by what the
+notebooks found.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,9 @@ from .clouds import SPHERE_RADIUS
 
 PAPER = "ou_liu_2017/"
 
-# The numbers that a violated check is laid to, where it judges several: those that the redraws do not give either, or that others
-# outvote, or that alone could mend it. Why is said by `published.CAUSES` and `table3.CAUSES`.
+# The numbers that a violated check is laid to, where it judges several: those that the redraws do
+# not give either, or that others outvote, or that alone could mend it. Why is said by
+# `published.CAUSES` and `table3.CAUSES`.
 TO_BLAME = {
     "table2/ls/abs_delta_r_m": "gross residuals",
     "table2/tls/abs_delta_a_m": "least σ0",
@@ -43,20 +46,41 @@ CENTRES = ("a_m", "b_m", "c_m")
 
 
 def of_tables(number: PrintedNumber, results: Results) -> Judgement:
-    """The judgement on a number of table 1, 2 or 3: by the redraws, unless a check on print is laid to it."""
+    """The judgement on a number of table 1, 2 or 3: by the redraws, unless a check on print is laid
+    to it.
+    """
     why = cause(number)
-    judgement = _of_scans(number, results, why) if number.table == 3 else _of_simulation(number, results, why)
+    judgement = (
+        _of_scans(number, results, why)
+        if number.table == 3
+        else _of_simulation(number, results, why)
+    )
     check = TO_BLAME.get(number.id.removeprefix(PAPER))
-    factors = [relation.factor for name, relation in results.violated if name == check and number.id in relation.numbers]
+    factors = [
+        relation.factor
+        for name, relation in results.violated
+        if name == check and number.id in relation.numbers
+    ]
     if factors:
-        return replace(judgement, verdict=IMPOSSIBLE, why=why, notebook="11_audit", check=check, factor=max(factors))
+        return replace(
+            judgement,
+            verdict=IMPOSSIBLE,
+            why=why,
+            notebook="11_audit",
+            check=check,
+            factor=max(factors),
+        )
     return judgement
 
 
 def cause(number: PrintedNumber) -> str:
-    """Why a number of tables 1 to 3 is outside the redraws, or impossible; empty where it is neither."""
+    """Why a number of tables 1 to 3 is outside the redraws, or impossible; empty where it is
+    neither.
+    """
     if number.table == 3:
-        return table3.CAUSES.get((number.sample, number.method, number.quantity)) or table3.CAUSES.get((number.method, number.quantity), "")
+        return table3.CAUSES.get(
+            (number.sample, number.method, number.quantity)
+        ) or table3.CAUSES.get((number.method, number.quantity), "")
     if (number.table, number.method, number.quantity) == (2, "tls", "sigma_0"):
         return _MENDS  # inside the redraws all the same
     return CAUSES.get((number.table, number.method, number.quantity), "")
@@ -65,7 +89,9 @@ def cause(number: PrintedNumber) -> str:
 def _of_simulation(number: PrintedNumber, results: Results, why: str) -> Judgement:
     """Tables 1 and 2 by redraws."""
     frame = results[f"03_sphere_tables_table{number.table}"]
-    (line,) = frame[(frame["method"] == number.method) & (frame["quantity"] == number.quantity)].itertuples()
+    (line,) = frame[
+        (frame["method"] == number.method) & (frame["quantity"] == number.quantity)
+    ].itertuples()
     return from_comparison(line, why, "03_sphere_tables")
 
 
@@ -75,21 +101,31 @@ def _of_scans(number: PrintedNumber, results: Results, why: str) -> Judgement:
         where = "where the target stood is not known; taken as the centre of the simulated scans"
         return Judgement(NOT_CHECKABLE, where, "04_real_spheres")
     frame = results["04_real_spheres_table3_cleaned"]
-    place = (frame["sample"] == number.sample) & (frame["method"] == number.method) & (frame["quantity"] == number.quantity)
+    place = (
+        (frame["sample"] == number.sample)
+        & (frame["method"] == number.method)
+        & (frame["quantity"] == number.quantity)
+    )
     (line,) = frame[place].itertuples()
     return from_comparison(line, why, "04_real_spheres")
 
 
 def of_percentage(number, results: Results) -> Judgement:
     """A percentage of section 2.2, against table 3."""
-    violated = [relation.factor for _, relation in results.violated if number.id in relation.numbers]
+    violated = [
+        relation.factor for _, relation in results.violated if number.id in relation.numbers
+    ]
     if violated:
-        return Judgement(IMPOSSIBLE, "does not follow from table 3", check="percentages", factor=max(violated))
+        return Judgement(
+            IMPOSSIBLE, "does not follow from table 3", check="percentages", factor=max(violated)
+        )
     return Judgement(REPRODUCED, "100 |Δr|/R of table 3", check="percentages")
 
 
 def _spread(table: int, variant: str, column: str = "sd_c_mm"):
-    return lambda results: results.one(f"03_sphere_tables_spread_table{table}", column, variant=variant)
+    return lambda results: results.one(
+        f"03_sphere_tables_spread_table{table}", column, variant=variant
+    )
 
 
 def _ten_times(first, second):
@@ -98,7 +134,10 @@ def _ten_times(first, second):
 
 def _igg_scatters_more(results: Results) -> bool:
     """σs of IGG III-WTLS in table 2 is above that of LS in the median of the redraws."""
-    igg, ls = (results.one("03_sphere_tables_table2", "median", method=m, quantity="sigma_s_m") for m in ("igg3_wtls", "ls"))
+    igg, ls = (
+        results.one("03_sphere_tables_table2", "median", method=m, quantity="sigma_s_m")
+        for m in ("igg3_wtls", "ls")
+    )
     return igg > ls
 
 
@@ -118,7 +157,12 @@ def _all_close(results: Results) -> bool:
 
 def _origin_decides(results: Results) -> bool:
     """In coordinates moved by 100 m pure TLS stays beside LS."""
-    return results.one("02_sphere_methods_origin", "from_ls_m", cloud="gross", method="tls", shift_m=100) < 0.1
+    return (
+        results.one(
+            "02_sphere_methods_origin", "from_ls_m", cloud="gross", method="tls", shift_m=100
+        )
+        < 0.1
+    )
 
 
 def _ls_tls_agree(results: Results) -> bool:
@@ -149,7 +193,9 @@ def _not_the_same_points(results: Results) -> bool:
 
 
 def _some_are_unseen(results: Results) -> bool:
-    return results.one("11_audit_gross_errors", "unseen", **{"gross errors": "0 to 3.5 m inside"}) > 10
+    return (
+        results.one("11_audit_gross_errors", "unseen", **{"gross errors": "0 to 3.5 m inside"}) > 10
+    )
 
 
 _SETTINGS = {
@@ -167,18 +213,34 @@ _TEXT |= {
     "k0_usual": setting("02_sphere_methods", "the range that k0 = 1.5 is taken from"),
     "k1_usual": setting("02_sphere_methods", "the range that k1 = 2.5 is taken from"),
     "b_difference_II": holds_if(
-        _b_differs, "table 3 has it; that it is the only difference is true once b of sphere I is put right", "11_audit"
+        _b_differs,
+        "table 3 has it; that it is the only difference is true once b of sphere I is put right",
+        "11_audit",
     ),
     "claim_no_error": refuted_if(
-        _some_are_unseen, "σ counts the gross errors too, so that one of up to 0.3 m passes for a good point", "11_audit"
+        _some_are_unseen,
+        "σ counts the gross errors too, so that one of up to 0.3 m passes for a good point",
+        "11_audit",
     ),
-    "claim_digits": holds_if(_digits_explain, "rounding to 0.01 m alone gives σ0 and σs of table 1", "01_simulated_sphere"),
-    "claim_table1_close": holds_if(_all_close, "standard deviations below 2 mm for all of them; LS is the most exact", "03_sphere_tables"),
+    "claim_digits": holds_if(
+        _digits_explain,
+        "rounding to 0.01 m alone gives σ0 and σs of table 1",
+        "01_simulated_sphere",
+    ),
+    "claim_table1_close": holds_if(
+        _all_close,
+        "standard deviations below 2 mm for all of them; LS is the most exact",
+        "03_sphere_tables",
+    ),
     "claim_table1_sigma_0": refuted_if(
-        _sigma_0_is_an_area, "σ0 of LS and TLS is in m², that of IGG III-WTLS in m: no comparison", "01_simulated_sphere"
+        _sigma_0_is_an_area,
+        "σ0 of LS and TLS is in m², that of IGG III-WTLS in m: no comparison",
+        "01_simulated_sphere",
     ),
     "claim_table2_ls": holds_if(
-        _ten_times(_spread(2, "LS"), _spread(1, "LS")), "its errors grow from millimetres to decimetres", "03_sphere_tables"
+        _ten_times(_spread(2, "LS"), _spread(1, "LS")),
+        "its errors grow from millimetres to decimetres",
+        "03_sphere_tables",
     ),
     "claim_table2_tls_worst": refuted_if(
         _origin_decides,
@@ -205,7 +267,9 @@ _TEXT |= {
         "σs of LS is far above that of clean scans and its radii are too large, as points left in off the sphere make them",
         "04_real_spheres",
     ),
-    "claim_table3_ls_tls": holds_if(_ls_tls_agree, "within 0.2 mm on simulated scans", "04_real_spheres"),
+    "claim_table3_ls_tls": holds_if(
+        _ls_tls_agree, "within 0.2 mm on simulated scans", "04_real_spheres"
+    ),
     "claim_table3_best": refuted_if(
         _not_the_same_points,
         "σs counts the points in use for one method and all for the others, and the σ0 have other units",
@@ -217,14 +281,20 @@ _TEXT |= {
         "03_sphere_tables",
     ),
     "claim_more_robust": holds_if(
-        _ten_times(_spread(2, "LS"), _spread(2, "IGG III-WTLS")), "as table 2 shows; notebook 05 says up to which share", "06_robustness"
+        _ten_times(_spread(2, "LS"), _spread(2, "IGG III-WTLS")),
+        "as table 2 shows; notebook 05 says up to which share",
+        "06_robustness",
     ),
-    "claim_slow": holds_if(_many_rounds, "a hundred rounds and more, where LS needs one", "02_sphere_methods"),
+    "claim_slow": holds_if(
+        _many_rounds, "a hundred rounds and more, where LS needs one", "02_sphere_methods"
+    ),
 }
 
 
 def evaluators() -> dict[str, Evaluator]:
     """id -> evaluator of every number and claim of the paper."""
-    found = {name: of_tables for name, number in printed().items() if isinstance(number, PrintedNumber)}
+    found = {
+        name: of_tables for name, number in printed().items() if isinstance(number, PrintedNumber)
+    }
     found |= {name: of_percentage for name in statements() if name.startswith(PAPER + "rel_radius")}
     return found | {PAPER + key: evaluator for key, evaluator in _TEXT.items()}

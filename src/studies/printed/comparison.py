@@ -1,4 +1,6 @@
-"""A printed number beside ours: the one rule that gives the verdict, and the tables that follow from it."""
+"""A printed number beside ours: the one rule that gives the verdict, and the tables that follow
+from it.
+"""
 
 from __future__ import annotations
 
@@ -114,9 +116,7 @@ def compare(printed: PrintedNumber, ours: float, redraws: ArrayLike) -> Comparis
 
 
 def comparison_table(
-    table: int,
-    ours: Mapping[tuple[str, str], float],
-    redraws: Mapping[tuple[str, str], ArrayLike],
+    table: int, ours: Mapping[tuple[str, str], float], redraws: Mapping[tuple[str, str], ArrayLike]
 ) -> pd.DataFrame:
     """Compare every number of table 1 or 2; one row a printed number.
 
@@ -170,18 +170,22 @@ def comparison_table(
     return pd.DataFrame(rows)
 
 
-def side_by_side(table: int, ours: Mapping[str, Mapping[str, float]], labels: Mapping[str, str]) -> pd.DataFrame:
+def side_by_side(
+    table: int, ours: Mapping[str, Mapping[str, float]], labels: Mapping[str, str]
+) -> pd.DataFrame:
     """Return table 1 or 2 as printed with ours below every printed row; errors are absolute.
 
     Parameters
     ----------
     table : 1 or 2.
-    ours : method -> quantity -> the value for the committed cloud; methods the paper does not have come last.
+    ours : method -> quantity -> the value for the committed cloud; methods the paper does not have
+        come last.
     labels : method -> what the table calls it.
 
     Returns
     -------
-    Frame of text, numbers at the decimals of print; σ0 with its unit, because the paper's heads give m for an area.
+    Frame of text, numbers at the decimals of print; σ0 with its unit, because the paper's heads
+    give m for an area.
 
     Example
     -------
@@ -193,19 +197,27 @@ def side_by_side(table: int, ours: Mapping[str, Mapping[str, float]], labels: Ma
     """
     if table not in TITLES:
         raise ValueError(f"expected table 1 or 2, the simulations, got {table!r}")
-    numbers = {method: [n for n in printed_numbers(table) if n.method == method] for method in METHODS.values()}
+    numbers = {
+        method: [n for n in printed_numbers(table) if n.method == method]
+        for method in METHODS.values()
+    }
     rows = []
     for label, method in METHODS.items():
-        rows.append(_row(label, "printed", numbers[method], {n.quantity: n.value for n in numbers[method]}))
+        rows.append(
+            _row(label, "printed", numbers[method], {n.quantity: n.value for n in numbers[method]})
+        )
         rows.append(_row(label, "ours", numbers[method], ours[method]))
     for method in ours:
         if method not in numbers:
-            alike = "tls" if SPHERE_METHODS[method].sigma_0_unit == "m²" else "igg3_wtls"  # a printed row with the unit of its σ0
+            # a printed row with the unit of its σ0
+            alike = "tls" if SPHERE_METHODS[method].sigma_0_unit == "m²" else "igg3_wtls"
             rows.append(_row(labels[method], "ours", numbers[alike], ours[method]))
     return pd.DataFrame(rows)
 
 
-def _row(label: str, source: str, numbers: Iterable[PrintedNumber], values: Mapping[str, float]) -> dict[str, str]:
+def _row(
+    label: str, source: str, numbers: Iterable[PrintedNumber], values: Mapping[str, float]
+) -> dict[str, str]:
     """Return a row of `side_by_side`: the values at the decimals of the numbers."""
     row = {"method": label, "source": source}
     for number in numbers:

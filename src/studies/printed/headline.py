@@ -54,7 +54,10 @@ def markdown(comparison_tables: Iterable[pd.DataFrame]) -> str:
     **Ou & Liu (2017), table 1: 500 points without gross errors**
     """
     comparison_tables = list(comparison_tables)
-    blocks = [f"**{_title(frame)}**\n\n{tables.markdown(_headline_frame(frame), 1)}" for frame in comparison_tables]
+    blocks = [
+        f"**{_title(frame)}**\n\n{tables.markdown(_headline_frame(frame), 1)}"
+        for frame in comparison_tables
+    ]
     return "\n\n".join([*blocks, _counts(comparison_tables)])
 
 
@@ -77,7 +80,10 @@ def _headline_frame(frame: pd.DataFrame) -> pd.DataFrame:
         }
     )
     for column, head in shown.items():
-        result[head] = [f"{value:z.{decimals}f}" for value, decimals in zip(frame[column], frame["decimals"], strict=True)]
+        result[head] = [
+            f"{value:z.{decimals}f}"
+            for value, decimals in zip(frame[column], frame["decimals"], strict=True)
+        ]
     result["percentile"] = frame["percentile"].astype(float)  # a file may hold 50 for 50.0
     result["verdict"] = frame["verdict"].str.split().str[0]  # the full words are in the last line
     return result

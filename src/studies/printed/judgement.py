@@ -1,7 +1,9 @@
-"""A verdict with its reason, and the ways to reach one: from redraws, from a check that fails, from results that notebooks wrote.
+"""A verdict with its reason, and the ways to reach one: from redraws, from a check that fails, from
+results that notebooks wrote.
 
-A printed number's evaluator is a function of the results (`Results`) that returns a `Judgement`. The evaluators of the three papers are in
-`sphere_numbers`, `plane_numbers` and `tunnel_numbers`; `verdicts` puts them together.
+A printed number's evaluator is a function of the results (`Results`) that returns a `Judgement`.
+The evaluators of the three papers are in `sphere_numbers`, `plane_numbers` and `tunnel_numbers`;
+`verdicts` puts them together.
 """
 
 from __future__ import annotations
@@ -26,15 +28,21 @@ CAUSE = "differs, cause shown"
 IMPOSSIBLE = "impossible as printed, proof shown"
 NOT_CHECKABLE = "not checkable (data not published)"
 VERDICTS = (REPRODUCED, CONSISTENT, CAUSE, IMPOSSIBLE, NOT_CHECKABLE)
-REASONS = {REPRODUCED: "the median of the redraws rounds to it", CONSISTENT: "within the central 95 % of the redraws"}
+REASONS = {
+    REPRODUCED: "the median of the redraws rounds to it",
+    CONSISTENT: "within the central 95 % of the redraws",
+}
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict on one printed number: why, the notebook that shows it, and the check that proves it if it is impossible.
+    """The verdict on one printed number: why, the notebook that shows it, and the check that proves
+    it if it is impossible.
 
-    ``median``, ``lower``, ``upper`` and ``percentile`` are those of the redraws, ``factor`` that of the check; NaN where there are none.
-    ``setting`` : it says how the authors' experiment was made, not what came out, and is taken over into ours.
+    ``median``, ``lower``, ``upper`` and ``percentile`` are those of the redraws, ``factor`` that of
+    the check; NaN where there are none.
+    ``setting`` : it says how the authors' experiment was made, not what came out, and is taken over
+        into ours.
     """
 
     verdict: str
@@ -57,7 +65,9 @@ class Results:
     """
 
     def __init__(self, given: Mapping[str, pd.DataFrame] | None = None):
-        """``given`` : tables by stem that are not to be read, because this run has just computed them."""
+        """``given`` : tables by stem that are not to be read, because this run has just computed
+        them.
+        """
         self._read = dict(given or {})
 
     def __getitem__(self, stem: str) -> pd.DataFrame:
@@ -66,7 +76,8 @@ class Results:
         return self._read[stem]
 
     def one(self, stem: str, column: str, **where) -> float:
-        """One number of a table: that of ``column`` in the only row in which each column of ``where`` has the given value.
+        """One number of a table: that of ``column`` in the only row in which each column of
+        ``where`` has the given value.
 
         >>> Results().one("01_simulated_sphere_rounding", "sigma_s_ratio", step_m=0.01)
         0.980807765
@@ -81,7 +92,12 @@ class Results:
     @cached_property
     def violated(self) -> list[tuple[str, Relation]]:
         """The relations that fail on print, each with the name of its check."""
-        return [(name, relation) for name, relations in judge(printed()).items() for relation in relations if not relation.holds]
+        return [
+            (name, relation)
+            for name, relations in judge(printed()).items()
+            for relation in relations
+            if not relation.holds
+        ]
 
 
 Evaluator = Callable[[PrintedNumber | Statement, Results], Judgement]
@@ -97,32 +113,49 @@ def setting(notebook: str, why: str = "a setting of the authors', taken over") -
     return lambda number, results: Judgement(NOT_CHECKABLE, why, notebook, setting=True)
 
 
-def holds_if(predicate: Callable[[Results], bool], why: str, notebook: str, otherwise: str = CAUSE) -> Evaluator:
+def holds_if(
+    predicate: Callable[[Results], bool], why: str, notebook: str, otherwise: str = CAUSE
+) -> Evaluator:
     """A claim: reproduced as long as the results fulfil the predicate, else ``otherwise``."""
-    return lambda number, results: Judgement(REPRODUCED if predicate(results) else otherwise, why, notebook)
+    return lambda number, results: Judgement(
+        REPRODUCED if predicate(results) else otherwise, why, notebook
+    )
 
 
 def refuted_if(predicate: Callable[[Results], bool], why: str, notebook: str) -> Evaluator:
-    """A claim or number that differs for a cause, as long as the results show the cause; else reproduced."""
-    return lambda number, results: Judgement(CAUSE if predicate(results) else REPRODUCED, why, notebook)
+    """A claim or number that differs for a cause, as long as the results show the cause; else
+    reproduced.
+    """
+    return lambda number, results: Judgement(
+        CAUSE if predicate(results) else REPRODUCED, why, notebook
+    )
 
 
-def within(stem: str, why_outside: str, notebook: str, where: Mapping[str, object], note: str = "") -> Evaluator:
-    """A number beside an interval that a notebook wrote: ``median``, ``lower``, ``upper`` of the row given by ``where``.
+def within(
+    stem: str, why_outside: str, notebook: str, where: Mapping[str, object], note: str = ""
+) -> Evaluator:
+    """A number beside an interval that a notebook wrote: ``median``, ``lower``, ``upper`` of the
+    row given by ``where``.
 
-    The rule is that of `published.verdict`; outside the interval the cause is ``why_outside``. ``note`` : what the reason must add.
+    The rule is that of `published.verdict`; outside the interval the cause is ``why_outside``.
+    ``note`` : what the reason must add.
     """
 
     def evaluate(number, results: Results) -> Judgement:
-        median, lower, upper = (results.one(stem, name, **where) for name in ("median", "lower", "upper"))
+        median, lower, upper = (
+            results.one(stem, name, **where) for name in ("median", "lower", "upper")
+        )
         judgement = from_interval(number, median, lower, upper, why_outside, notebook)
         return replace(judgement, why=judgement.why + note)
 
     return evaluate
 
 
-def from_interval(number, median: float, lower: float, upper: float, why_outside: str, notebook: str) -> Judgement:
-    """Reproduced if the median rounds to the number; consistent if what rounds to it overlaps the interval; else it differs for a cause.
+def from_interval(
+    number, median: float, lower: float, upper: float, why_outside: str, notebook: str
+) -> Judgement:
+    """Reproduced if the median rounds to the number; consistent if what rounds to it overlaps the
+    interval; else it differs for a cause.
 
     >>> number = printed()["wu_chen_wang/sim_sigma_s_LS"]
     >>> from_interval(number, 5.89, 5.5, 6.3, "", "06_plane").verdict
@@ -138,7 +171,11 @@ def from_interval(number, median: float, lower: float, upper: float, why_outside
 
 def from_comparison(line, why_outside: str, notebook: str) -> Judgement:
     """A judgement from a row of `published.comparison_table`."""
-    words = {published.REPRODUCED: REPRODUCED, published.INSIDE: CONSISTENT, published.OUTSIDE: CAUSE}
+    words = {
+        published.REPRODUCED: REPRODUCED,
+        published.INSIDE: CONSISTENT,
+        published.OUTSIDE: CAUSE,
+    }
     verdict = words[line.verdict]
     numbers = {name: getattr(line, name) for name in ("median", "lower", "upper", "percentile")}
     return Judgement(verdict, REASONS.get(verdict, why_outside), notebook, **numbers)

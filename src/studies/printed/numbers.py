@@ -1,4 +1,6 @@
-"""The printed numbers and statements, read from ``data/published`` as text: a trailing zero says how exactly a number is known."""
+"""The printed numbers and statements, read from ``data/published`` as text: a trailing zero says
+how exactly a number is known.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,11 @@ class PrintedNumber:
     @property
     def id(self) -> str:
         """The name of the number in `registry`."""
-        return "/".join(part for part in (self.paper, f"table{self.table}", self.sample, self.method, self.quantity) if part)
+        return "/".join(
+            part
+            for part in (self.paper, f"table{self.table}", self.sample, self.method, self.quantity)
+            if part
+        )
 
     @property
     def value(self) -> float:
@@ -109,7 +115,9 @@ def printed_numbers(table: int) -> tuple[PrintedNumber, ...]:
             quantity="sigma_0" if column == "sigma_0_m" else column,
             text=row[column],
             decimals=of_zero if row[column] == "0" else _decimals(row[column]),
-            unit=SPHERE_METHODS[METHODS[row["method"]]].sigma_0_unit if column == "sigma_0_m" else "m",
+            unit=SPHERE_METHODS[METHODS[row["method"]]].sigma_0_unit
+            if column == "sigma_0_m"
+            else "m",
         )
         for row in frame.to_dict("records")
         for column in columns
@@ -120,7 +128,8 @@ def printed_numbers(table: int) -> tuple[PrintedNumber, ...]:
 class Statement:
     """One number, list of numbers or claim that a paper states outside its tables.
 
-    `text` is what is printed, digits kept; ``claim`` where the statement is in words, which `quantity` then holds.
+    `text` is what is printed, digits kept; ``claim`` where the statement is in words, which
+    `quantity` then holds.
 
     >>> statement = statements()["li_2015/registration"]
     >>> statement.where, statement.text, statement.unit
@@ -152,18 +161,30 @@ class Statement:
 
 
 def statements() -> dict[str, Statement]:
-    """id -> what the texts of the three papers state outside their tables, in the order of the files.
+    """id -> what the texts of the three papers state outside their tables, in the order of the
+    files.
 
     >>> statements()["wu_chen_wang/sim_sigma_s_LS"].text
     '5.9'
     """
     frames = []
     for paper in PAPERS:
-        frame = pd.read_csv(PUBLISHED / f"{paper}_statements.csv", dtype=str, keep_default_na=False, encoding="utf-8")
+        frame = pd.read_csv(
+            PUBLISHED / f"{paper}_statements.csv",
+            dtype=str,
+            keep_default_na=False,
+            encoding="utf-8",
+        )
         frames.append(frame.assign(paper=paper))
-    further = pd.read_csv(PUBLISHED / "further_statements.csv", dtype=str, keep_default_na=False, encoding="utf-8")
+    further = pd.read_csv(
+        PUBLISHED / "further_statements.csv", dtype=str, keep_default_na=False, encoding="utf-8"
+    )
     found = {}
-    for row in pd.concat([*frames, further]).rename(columns={"id": "key", "value": "text"}).to_dict("records"):
+    for row in (
+        pd.concat([*frames, further])
+        .rename(columns={"id": "key", "value": "text"})
+        .to_dict("records")
+    ):
         statement = Statement(**row)
         if statement.id in found:
             raise ValueError(f"statements: expected one of each id, got {statement.id} twice")
@@ -178,7 +199,9 @@ def registry() -> dict[str, PrintedNumber | Statement]:
     >>> number.text, number.decimals
     ('7.7080e-5', 9)
     """
-    return {number.id: number for table in (1, 2, 3) for number in printed_numbers(table)} | statements()
+    return {
+        number.id: number for table in (1, 2, 3) for number in printed_numbers(table)
+    } | statements()
 
 
 def _decimals(text: str) -> int:

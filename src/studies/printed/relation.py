@@ -1,4 +1,6 @@
-"""A relation that printed numbers must fulfil, and the tables it is applied to: the printed ones or simulated ones."""
+"""A relation that printed numbers must fulfil, and the tables it is applied to: the printed ones or
+simulated ones.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,12 @@ Paper = Mapping[str, PrintedNumber | Statement]
 
 @dataclass(frozen=True)
 class Relation:
-    """One relation applied to one place: ``value`` (from print) must be ``sense`` ``limit``, both in ``unit``.
+    """One relation applied to one place: ``value`` (from print) must be ``sense`` ``limit``, both
+    in ``unit``.
 
-    ``numbers`` are the ids of the printed numbers it judges: if it is violated, at least one of them is wrong or means
-    something else. ``tolerance`` is what their missing digits allow, in ``unit``.
+    ``numbers`` are the ids of the printed numbers it judges: if it is violated, at least one of
+    them is wrong or means something else. ``tolerance`` is what their missing digits allow, in
+    ``unit``.
 
     >>> relation = Relation("σs of LS", "", "LS", 0.3, "≤", 0.1, "m", tolerance=0.02)
     >>> relation.holds, round(relation.factor, 3)
@@ -41,7 +45,9 @@ class Relation:
 
     @property
     def factor(self) -> float:
-        """By how much it is violated: 1 at the limit, above 1 impossible. For "=" the difference over what the digits allow."""
+        """By how much it is violated: 1 at the limit, above 1 impossible. For "=" the difference
+        over what the digits allow.
+        """
         if self.sense == "=":
             return abs(self.value - self.limit) / (self.tolerance + 1e-9 * abs(self.limit))
         above, below = (self.value, self.limit) if self.sense == "≤" else (self.limit, self.value)
@@ -90,7 +96,10 @@ def row(paper: Paper, table: int, method: str, sample: str = "") -> Row:
     0.0736
     """
     place = f"table{table}/{sample}/{method}" if sample else f"table{table}/{method}"
-    ids = {quantity: f"ou_liu_2017/{place}/{quantity}" for quantity in QUANTITIES[3 if table == 3 else 1]}
+    ids = {
+        quantity: f"ou_liu_2017/{place}/{quantity}"
+        for quantity in QUANTITIES[3 if table == 3 else 1]
+    }
     return Row(ids, {quantity: paper[name] for quantity, name in ids.items()})
 
 

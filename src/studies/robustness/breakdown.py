@@ -1,7 +1,8 @@
 """Breakdown: how many gross errors, and of which kind, does each method bear?
 
-The sphere of table 1 of Ou & Liu (2017), its points good to the rounding of the coordinates; a growing share of them is replaced.
-A fit succeeds when its centre is within 10 mm of the truth, several standard deviations of a good fit.
+The sphere of table 1 of Ou & Liu (2017), its points good to the rounding of the coordinates; a
+growing share of them is replaced. A fit succeeds when its centre is within 10 mm of the truth,
+several standard deviations of a good fit.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ VARIANTS = EVERY_METHOD | {
     "igg3_wtls, not cumulative": {"method": "igg3_wtls", "cumulative": False},
     "igg3_wtls, not cumulative, MAD": {"method": "igg3_wtls", "cumulative": False, "scale": "mad"},
 }
-GOOD_POINTS = "good points alone"  # their orthogonal distance fit: what the noise would leave anyway
+# their orthogonal distance fit: what the noise would leave anyway
+GOOD_POINTS = "good points alone"
 PATTERNS = {
     "clustered": "neighbours, all inside",
     "one-sided": "scattered, all inside",
@@ -31,10 +33,13 @@ PATTERNS = {
 }
 
 
-def replaced(points: NDArray[np.float64], pattern: str, count: int, seed: int) -> NDArray[np.float64]:
+def replaced(
+    points: NDArray[np.float64], pattern: str, count: int, seed: int
+) -> NDArray[np.float64]:
     """Copies of the clouds (B, n, 3), m, in each of which `count` points are gross errors.
 
-    - ``clustered``: a point drawn at random and its nearest neighbours, each moved U(1, 3) m towards the centre
+    - ``clustered``: a point drawn at random and its nearest neighbours, each moved U(1, 3) m
+      towards the centre
     - ``one-sided``: points drawn at random, moved in the same way
     - ``uniform``: points drawn at random, replaced by points anywhere in the box that holds the cap
 
@@ -46,14 +51,22 @@ def replaced(points: NDArray[np.float64], pattern: str, count: int, seed: int) -
     (5, 9, True)
     """
     n = points.shape[1]
-    order, uniform = stacked(lambda generator: (generator.permutation(n), generator.uniform(size=(n, 3))), len(points), seed)
+    order, uniform = stacked(
+        lambda generator: (generator.permutation(n), generator.uniform(size=(n, 3))),
+        len(points),
+        seed,
+    )
     trials = np.arange(len(points))[:, None]
     if pattern == "clustered":
         order = np.argsort(np.linalg.norm(points - points[trials, order[:, :1]], axis=-1), axis=-1)
     chosen = trials, order[:, :count]
     moved, uniform = points.copy(), uniform[:, :count]
     if pattern == "uniform":
-        moved[chosen] = [0.0, 0.0, SPHERE_CENTER[2]] + uniform * [SPHERE_SIDE, SPHERE_SIDE, SPHERE_RADIUS]
+        moved[chosen] = [0.0, 0.0, SPHERE_CENTER[2]] + uniform * [
+            SPHERE_SIDE,
+            SPHERE_SIDE,
+            SPHERE_RADIUS,
+        ]
     else:
         radial = points[chosen] - SPHERE_CENTER
         depth = DEPTH[0] + uniform[..., :1] * (DEPTH[1] - DEPTH[0])
@@ -73,14 +86,16 @@ def study(
 
     Parameters
     ----------
-    shares : of gross errors, 0 to 0.5; trials : redraws of each; n : points a cloud, at most 500; seed : of the gross errors.
+    shares : of gross errors, 0 to 0.5; trials : redraws of each; n : points a cloud, at most 500;
+        seed : of the gross errors.
     variants : label -> keyword arguments of `fit_sphere`; patterns : keys of `PATTERNS`.
 
     Returns
     -------
-    One row a pattern, share and variant, `GOOD_POINTS` after the others: ``pattern``, ``gross_percent``, ``variant``;
-    ``within_percent`` with its 95 % interval ``low_percent``, ``high_percent``; ``median_error_mm`` of the centre
-    (`redraws.median_of_all`); ``failed`` (`redraws.failures`). Without gross errors all patterns are one, and it is run once.
+    One row a pattern, share and variant, `GOOD_POINTS` after the others: ``pattern``,
+    ``gross_percent``, ``variant``; ``within_percent`` with its 95 % interval ``low_percent``,
+    ``high_percent``; ``median_error_mm`` of the centre (`redraws.median_of_all`); ``failed``
+    (`redraws.failures`). Without gross errors all patterns are one, and it is run once.
     """
     clean = np.ascontiguousarray(sphere_redraws(trials)[:, :n])
     rows = []
@@ -94,7 +109,9 @@ def study(
             for variant, frame in frames.items():
                 row = {"gross_percent": 100 * share, "variant": variant} | _summary(frame)
                 rows += [{"pattern": name} | row for name in ([pattern] if count else patterns)]
-    return pd.DataFrame(rows).sort_values(["pattern", "gross_percent"], kind="stable", ignore_index=True)
+    return pd.DataFrame(rows).sort_values(
+        ["pattern", "gross_percent"], kind="stable", ignore_index=True
+    )
 
 
 def _summary(frame: pd.DataFrame) -> dict:

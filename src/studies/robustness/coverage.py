@@ -1,4 +1,5 @@
-"""Calibration: does the 95 % confidence ellipsoid of (a, b, c, r) hold the truth in 95 % of the redraws?
+"""Calibration: does the 95 % confidence ellipsoid of (a, b, c, r) hold the truth in 95 % of the
+redraws?
 
     (x̂ − x)ᵀ Σ̂⁻¹ (x̂ − x) ≤ 4 F₀.₉₅(4, n′ − 4),   n′ points in use
 
@@ -35,13 +36,18 @@ def clouds(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """(B, n, 3) clouds of the target in m, and their cofactors (B, n, 3, 3) in m².
 
-    noise : σ of each coordinate in m, which has no cofactors (None), or a scanner in the origin, whose errors are normal with the
-        cofactors of its model at the true points and incidence angles. Of each cloud the first points, in number the share of n, are
-        gross errors, moved U(10, 40) mm towards the centre.
+    noise : σ of each coordinate in m, which has no cofactors (None), or a scanner in the origin,
+        whose errors are normal with the cofactors of its model at the true points and incidence
+        angles. Of each cloud the first points, in number the share of n, are gross errors, moved
+        U(10, 40) mm towards the centre.
     """
 
     def draw(generator: np.random.Generator) -> tuple:
-        return generator.uniform(size=(n, 2)), generator.standard_normal((n, 3)), generator.uniform(*DEPTH, size=n)
+        return (
+            generator.uniform(size=(n, 2)),
+            generator.standard_normal((n, 3)),
+            generator.uniform(*DEPTH, size=n),
+        )
 
     uniform, normal, depth = stacked(draw, trials, seed)
     normals = cap_normals(uniform, half_angle)
@@ -58,22 +64,31 @@ def clouds(
 
 
 def study(
-    trials: int, n: int, seed: int, half_angle: float, gross_shares: Sequence[float], noises: Mapping[str, float | Scanner], methods=METHODS
+    trials: int,
+    n: int,
+    seed: int,
+    half_angle: float,
+    gross_shares: Sequence[float],
+    noises: Mapping[str, float | Scanner],
+    methods=METHODS,
 ) -> pd.DataFrame:
     """Coverage for every kind of noise and share of gross errors.
 
     Parameters
     ----------
-    trials : redraws; n : points a cloud; seed : of the study; half_angle : of the cap, degrees; gross_shares : 0 to 0.5
-    noises : name -> noise as in :func:`clouds`. Cofactors are given to the methods that take them; the others treat all points alike.
+    trials : redraws; n : points a cloud; seed : of the study; half_angle : of the cap, degrees;
+        gross_shares : 0 to 0.5
+    noises : name -> noise as in :func:`clouds`. Cofactors are given to the methods that take them;
+        the others treat all points alike.
     methods : names in `SPHERE_METHODS`.
 
     Returns
     -------
-    One row a noise, share and method: ``noise``, ``gross_percent``, ``method``; ``held_percent`` with its 95 % interval
-    ``low_percent``, ``high_percent``; ``error_mm``, median distance of the centre from the truth, and ``claimed_mm``, median of its
-    claimed standard deviation (`redraws.median_of_all`); ``failed`` (`redraws.failures`), fits without a sphere or a covariance, which
-    hold nothing.
+    One row a noise, share and method: ``noise``, ``gross_percent``, ``method``; ``held_percent``
+    with its 95 % interval ``low_percent``, ``high_percent``; ``error_mm``, median distance of the
+    centre from the truth, and ``claimed_mm``, median of its claimed standard deviation
+    (`redraws.median_of_all`); ``failed`` (`redraws.failures`), fits without a sphere or a
+    covariance, which hold nothing.
 
     >>> table = study(50, 60, 1, 80, [0.0], {"isotropic": 0.001}, ["geometric"])
     >>> print(table["held_percent"].tolist(), table["failed"].tolist())
@@ -85,22 +100,39 @@ def study(
             points, cofactors = clouds(trials, n, seed, half_angle, share, noise)
             for part in pieces(trials, CHUNK):
                 given = None if cofactors is None else cofactors[part]
-                tasks.append(joblib.delayed(_trials)(name, 100 * share, points[part], given, methods))
+                tasks.append(
+                    joblib.delayed(_trials)(name, 100 * share, points[part], given, methods)
+                )
     # As in montecarlo: one BLAS thread a worker, the points sent through the pipe.
-    with joblib.parallel_config("loky", n_jobs=min(len(tasks), joblib.cpu_count()), inner_max_num_threads=1):
+    with joblib.parallel_config(
+        "loky", n_jobs=min(len(tasks), joblib.cpu_count()), inner_max_num_threads=1
+    ):
         frame = pd.concat(joblib.Parallel(max_nbytes=None)(tasks))
     keys = ["noise", "gross_percent", "method"]
-    return pd.DataFrame([dict(zip(keys, key, strict=True)) | _summary(rows) for key, rows in frame.groupby(keys, sort=False)])
+    return pd.DataFrame(
+        [
+            dict(zip(keys, key, strict=True)) | _summary(rows)
+            for key, rows in frame.groupby(keys, sort=False)
+        ]
+    )
 
 
 def _trials(noise: str, gross_percent: float, points, cofactors, methods) -> pd.DataFrame:
-    """One row a method and cloud: whether the ellipsoid holds the truth, error and claimed standard deviation of the centre in mm."""
+    """One row a method and cloud: whether the ellipsoid holds the truth, error and claimed standard
+    deviation of the centre in mm.
+    """
     frames = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # counted instead
         for method in methods:
-            fit = fit_sphere(points, method, cofactors=cofactors if SPHERE_METHODS[method].consistent else None)
-            frames.append(pd.DataFrame(_calibration(fit)).assign(noise=noise, gross_percent=gross_percent, method=method))
+            fit = fit_sphere(
+                points, method, cofactors=cofactors if SPHERE_METHODS[method].consistent else None
+            )
+            frames.append(
+                pd.DataFrame(_calibration(fit)).assign(
+                    noise=noise, gross_percent=gross_percent, method=method
+                )
+            )
     return pd.concat(frames)
 
 
@@ -111,7 +143,11 @@ def _calibration(fit: SphereFit) -> dict[str, NDArray]:
     # A collapsed fit that left no redundancy has no covariance: NaN, which holds nothing.
     limit = PARAMETERS * fisher.ppf(0.95, PARAMETERS, np.where(redundancy > 0, redundancy, np.nan))
     usable = fit.converged & np.isfinite(square + limit)
-    claimed = np.sqrt(np.trace(np.where(usable[:, None, None], fit.covariance[:, :3, :3], np.nan), axis1=-2, axis2=-1))
+    claimed = np.sqrt(
+        np.trace(
+            np.where(usable[:, None, None], fit.covariance[:, :3, :3], np.nan), axis1=-2, axis2=-1
+        )
+    )
     return {
         "held": usable & (square <= limit),
         "error_mm": np.where(usable, 1e3 * np.linalg.norm(error[:, :3], axis=-1), np.nan),

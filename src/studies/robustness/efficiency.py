@@ -1,7 +1,7 @@
 """Efficiency on clean normal data: what robustness costs where it is not needed.
 
-The variance of an M-estimator over that of least squares is ``E[ψ²]/E[ψ′]²``; its inverse is the efficiency of the weight
-function (Huber 1981). It holds for weights that do not accumulate.
+The variance of an M-estimator over that of least squares is ``E[ψ²]/E[ψ′]²``; its inverse is the
+efficiency of the weight function (Huber 1981). It holds for weights that do not accumulate.
 """
 
 from __future__ import annotations
@@ -25,8 +25,12 @@ EXACT = 12  # decimals that stand for points without rounding
 
 
 def _igg3(options: Mapping) -> IGG3:
-    """The weight function of keyword arguments of `fit_sphere`, the method's own thresholds where none are given."""
-    defaults = {"igg3_wtls": igg3.igg3_wtls, "robust": gauss_helmert.robust}[options["method"]].__kwdefaults__
+    """The weight function of keyword arguments of `fit_sphere`, the method's own thresholds where
+    none are given.
+    """
+    defaults = {"igg3_wtls": igg3.igg3_wtls, "robust": gauss_helmert.robust}[
+        options["method"]
+    ].__kwdefaults__
     return IGG3(*({**defaults, **options}[name] for name in ("k0", "k1")))
 
 
@@ -39,19 +43,29 @@ REFERENCE = "geometric"
 
 
 def clouds(trials: int, seed: int) -> NDArray[np.float64]:
-    """(B, 500, 3) clouds on the cap of table 1 of Ou & Liu (2017) with normal errors instead of rounding, m."""
+    """(B, 500, 3) clouds on the cap of table 1 of Ou & Liu (2017) with normal errors instead of
+    rounding, m.
+    """
     true, normal = stacked(
-        lambda generator: (sphere_cloud(generator, decimals=EXACT), generator.standard_normal((SPHERE_POINTS, 3))), trials, seed
+        lambda generator: (
+            sphere_cloud(generator, decimals=EXACT),
+            generator.standard_normal((SPHERE_POINTS, 3)),
+        ),
+        trials,
+        seed,
     )
     return true + SIGMA * normal
 
 
 def study(trials: int, seed: int) -> pd.DataFrame:
-    """Standard deviation of the centre by each method relative to the orthogonal distance fit, on the same clouds.
+    """Standard deviation of the centre by each method relative to the orthogonal distance fit, on
+    the same clouds.
 
-    Columns: ``variant``, ``method``; ``sd_mm``, root of the sum of the variances of a, b, c; ``sd_ratio`` to that of `REFERENCE` and
-    ``efficiency_percent``, its inverse square, with standard errors ``sd_ratio_se`` and ``efficiency_se_percent``; ``theory_percent``,
-    (E[ψ′])²/E[ψ²] of the weight function, 100 without one, missing where weights are cumulative; ``failed``.
+    Columns: ``variant``, ``method``; ``sd_mm``, root of the sum of the variances of a, b, c;
+    ``sd_ratio`` to that of `REFERENCE` and ``efficiency_percent``, its inverse square, with
+    standard errors ``sd_ratio_se`` and ``efficiency_se_percent``; ``theory_percent``,
+    (E[ψ′])²/E[ψ²] of the weight function, 100 without one, missing where weights are cumulative;
+    ``failed``.
     """
     frames = sphere_study(clouds(trials, seed), [*SPHERE_CENTER, SPHERE_RADIUS], VARIANTS)
     squares = {variant: _squared_deviations(frame) for variant, frame in frames.items()}

@@ -1,4 +1,6 @@
-"""What the studies share: trials with random numbers of their own, a target sphere, the Monte Carlo error of a share."""
+"""What the studies share: trials with random numbers of their own, a target sphere, the Monte Carlo
+error of a share.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-# The target spheres of Ou & Liu (2017), section 2.2, as one of them stands before a scanner in the origin.
+# The target spheres of Ou & Liu (2017), section 2.2, as one of them stands before a scanner in the
+# origin.
 RADIUS = 0.0725  # m
 RANGE = 6.0  # m; the line of sight is the x axis
 TARGET = np.array([RANGE, 0.0, 0.0, RADIUS])  # a, b, c, r
 
 
-def stacked(draw: Callable[[np.random.Generator], tuple], trials: int, seed: int) -> tuple[NDArray[np.float64], ...]:
+def stacked(
+    draw: Callable[[np.random.Generator], tuple], trials: int, seed: int
+) -> tuple[NDArray[np.float64], ...]:
     """The arrays that `draw` makes from the generator of each trial, each stacked to (B, …).
 
     >>> first, _ = stacked(lambda generator: (generator.uniform(size=2), generator.standard_normal(3)), 5, seed=1)
@@ -23,7 +28,9 @@ def stacked(draw: Callable[[np.random.Generator], tuple], trials: int, seed: int
     ((5, 2), True)
     """
     children = np.random.SeedSequence(seed).spawn(trials)
-    return tuple(map(np.array, zip(*(draw(np.random.default_rng(child)) for child in children), strict=True)))
+    return tuple(
+        map(np.array, zip(*(draw(np.random.default_rng(child)) for child in children), strict=True))
+    )
 
 
 def cap_normals(uniform: NDArray[np.float64], half_angle: float) -> NDArray[np.float64]:
@@ -45,8 +52,8 @@ def cap_normals(uniform: NDArray[np.float64], half_angle: float) -> NDArray[np.f
 def failures(failed: NDArray[np.bool_]) -> int:
     """Number of fits that failed; from a twentieth of them on to the nearest tenth.
 
-    A method that gross errors have thrown far off wanders about, and whether it then fails hangs on the last bit of a sum,
-    which differs from processor to processor.
+    A method that gross errors have thrown far off wanders about, and whether it then fails hangs on
+    the last bit of a sum, which differs from processor to processor.
 
     >>> failures(np.arange(2000) < 7), failures(np.arange(2000) < 415)
     (7, 400)
@@ -56,12 +63,17 @@ def failures(failed: NDArray[np.bool_]) -> int:
 
 
 def median_of_all(values: NDArray[np.float64], failed: NDArray[np.bool_]) -> float:
-    """Median over the fits that did not fail; missing where a twentieth or more did, and the others say little."""
-    return float(np.median(values[~failed])) if np.count_nonzero(failed) < len(failed) / 20 else np.nan
+    """Median over the fits that did not fail; missing where a twentieth or more did, and the others
+    say little.
+    """
+    return (
+        float(np.median(values[~failed])) if np.count_nonzero(failed) < len(failed) / 20 else np.nan
+    )
 
 
 def share_interval(count, trials: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """95 % confidence interval of a share of which `count` in `trials` were seen, in percent (Wilson 1927).
+    """95 % confidence interval of a share of which `count` in `trials` were seen, in percent
+    (Wilson 1927).
 
     Unlike the binomial standard error it does not shrink to nothing at 0 and at 100 %.
 
@@ -72,5 +84,7 @@ def share_interval(count, trials: int) -> tuple[NDArray[np.float64], NDArray[np.
     z2 = norm.ppf(0.975) ** 2
     share = np.asarray(count) / trials
     middle = (share + 0.5 * z2 / trials) / (1.0 + z2 / trials)
-    half = np.sqrt(z2 * (share * (1.0 - share) / trials + 0.25 * z2 / trials**2)) / (1.0 + z2 / trials)
+    half = np.sqrt(z2 * (share * (1.0 - share) / trials + 0.25 * z2 / trials**2)) / (
+        1.0 + z2 / trials
+    )
     return 100.0 * np.maximum(middle - half, 0.0), 100.0 * np.minimum(middle + half, 1.0)

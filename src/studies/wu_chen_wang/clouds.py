@@ -1,7 +1,8 @@
 """The simulated plane of Wu, Chen & Wang, as committed and drawn again.
 
 Section 3 of the paper gives the plane z = x + 3y + 1, 100 points, ten runs, and the noise of each
-coordinate, N(0, σ²/cos θ) with the incidence angle θ of a beam from the origin. Not the extent of the patch and not σ:
+coordinate, N(0, σ²/cos θ) with the incidence angle θ of a beam from the origin. Not the extent of
+the patch and not σ:
 those are recovered from what is printed of the results (`recovery`).
 
 Source: Wu, Chen & Wang, section 3.
@@ -32,7 +33,8 @@ PLANE_DECIMALS = 6  # so that a file holds the points as they are
 PLANE_SEED = 131  # of the plane study: the committed runs are its trials 0 to 9
 PLANE_FILE = SIMULATED / "wu_chen_wang_plane_runs.csv"
 
-# Where x and y may lie: name -> their values for side 1 m from uniform numbers in [0, 1]. All have the same standard deviation.
+# Where x and y may lie: name -> their values for side 1 m from uniform numbers in [0, 1]. All have
+# the same standard deviation.
 PLANE_LAYOUTS: dict[str, Callable[[NDArray], NDArray]] = {
     "square from the origin": lambda uniform: uniform,
     "square about the origin": lambda uniform: uniform - 0.5,
@@ -41,10 +43,14 @@ PLANE_LAYOUTS: dict[str, Callable[[NDArray], NDArray]] = {
 }
 
 
-def plane_draws(n_trials: int, seed: int = PLANE_SEED) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The random numbers of the plane simulation: uniform (B, 100, 2) for x and y, standard normal (B, 100, 3) for the noise.
+def plane_draws(
+    n_trials: int, seed: int = PLANE_SEED
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The random numbers of the plane simulation: uniform (B, 100, 2) for x and y, standard normal
+    (B, 100, 3) for the noise.
 
-    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the number of trials grows.
+    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the
+    number of trials grows.
 
     Example
     -------
@@ -65,7 +71,8 @@ def plane_clouds(
     sigma: float = PLANE_SIGMA,
     layout: str = "square from the origin",
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Noisy points on z = x + 3y + 1 m, and the cosines of the incidence angles at the points without noise.
+    """Noisy points on z = x + 3y + 1 m, and the cosines of the incidence angles at the points
+    without noise.
 
         p = p̄ + σ/√cos θ · e,   cos θ = |n·p̄|/|p̄|,   e ~ N(0, I),   rounded to 1 µm
 
@@ -126,4 +133,8 @@ def read_plane_runs() -> NDArray[np.float64]:
     >>> read_plane_runs().shape
     (10, 100, 3)
     """
-    return tables.read(PLANE_FILE)[["x_m", "y_m", "z_m"]].to_numpy().reshape(PLANE_RUNS, PLANE_POINTS, 3)
+    return (
+        tables.read(PLANE_FILE)[["x_m", "y_m", "z_m"]]
+        .to_numpy()
+        .reshape(PLANE_RUNS, PLANE_POINTS, 3)
+    )

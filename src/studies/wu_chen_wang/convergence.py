@@ -1,11 +1,14 @@
-"""How the algorithms for weighted total least squares converge: objective against iteration on three problems.
+"""How the algorithms for weighted total least squares converge: objective against iteration on
+three problems.
 
-    plane    one run of the plane paper's simulation, weights from the cosines on its LS plane; noise a third of the patch
+    plane    one run of the plane paper's simulation, weights from the cosines on its LS plane;
+             noise a third of the patch
     sphere   the sphere of Ou & Liu with five gross errors, in the printed frame
     dense    n = 40, all errors of A and y correlated with one another, 160 × 160 cofactors
 
-All start from least squares. The quasi-Newton algorithms run twice: with the Gauss-Newton cofactor as first inverse Hessian, and with
-the unit matrix, as Wu, Chen & Wang have it if they follow the textbook.
+All start from least squares. The quasi-Newton algorithms run twice: with the Gauss-Newton cofactor
+as first inverse Hessian, and with the unit matrix, as Wu, Chen & Wang have it if they follow the
+textbook.
 """
 
 from __future__ import annotations
@@ -27,13 +30,16 @@ from .clouds import read_plane_runs
 
 DENSE_ROWS = 40
 SEED = 40
-REACHED = 1e-10  # excess of Φ, relative to the least, at which an algorithm counts as arrived: well above rounding
+# excess of Φ, relative to the least, at which an algorithm counts as arrived: well above rounding
+REACHED = 1e-10
 SETTLED = 1e-13  # relative change of Φ below which an iteration moves by rounding only
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A, y and the keywords of :func:`analysis.wtls` that give their cofactors; and what it is called."""
+    """A, y and the keywords of :func:`analysis.wtls` that give their cofactors; and what it is
+    called.
+    """
 
     label: str
     A: NDArray[np.float64]
@@ -51,16 +57,21 @@ def problems() -> dict[str, Problem]:
 
 
 # Runs: name -> algorithm, first inverse Hessian, label.
-RUNS: dict[str, tuple[str, str, str]] = {name: (name, "gauss_newton", one.label) for name, one in ALGORITHMS.items()} | {
-    f"{name}, unit start": (name, "identity", f"{one.label}, unit matrix") for name, one in ALGORITHMS.items() if one.takes_H_0
+RUNS: dict[str, tuple[str, str, str]] = {
+    name: (name, "gauss_newton", one.label) for name, one in ALGORITHMS.items()
+} | {
+    f"{name}, unit start": (name, "identity", f"{one.label}, unit matrix")
+    for name, one in ALGORITHMS.items()
+    if one.takes_H_0
 }
 
 
 def study(max_iterations: int = 500) -> pd.DataFrame:
-    """Every algorithm on every problem: one row an iteration, number 0 the start, until Φ has settled.
+    """Every algorithm on every problem: one row an iteration, number 0 the start, until Φ has
+    settled.
 
-    Columns: ``problem``, ``run`` (name in ``RUNS``), ``iteration``; ``evaluations``, how often Φ or its derivatives were computed
-    until then; ``excess``, (Φ − Φ_min)/Φ_min.
+    Columns: ``problem``, ``run`` (name in ``RUNS``), ``iteration``; ``evaluations``, how often Φ or
+    its derivatives were computed until then; ``excess``, (Φ − Φ_min)/Φ_min.
     """
     frames = []
     for name, problem in problems().items():
@@ -70,51 +81,83 @@ def study(max_iterations: int = 500) -> pd.DataFrame:
             excess = np.maximum(one.history.objective / least - 1.0, 0.0)
             moving = np.flatnonzero(np.abs(np.diff(excess)) > SETTLED)
             kept = slice(moving[-1] + 2)
-            steps = {"iteration": np.arange(len(excess)), "evaluations": np.cumsum(one.history.trials), "excess": excess}
-            frames.append(pd.DataFrame({"problem": name, "run": run} | {column: values[kept] for column, values in steps.items()}))
+            steps = {
+                "iteration": np.arange(len(excess)),
+                "evaluations": np.cumsum(one.history.trials),
+                "excess": excess,
+            }
+            frames.append(
+                pd.DataFrame(
+                    {"problem": name, "run": run}
+                    | {column: values[kept] for column, values in steps.items()}
+                )
+            )
     return pd.concat(frames, ignore_index=True)
 
 
 def solved(problem: Problem, run: str, max_iterations: int = 500) -> Estimate:
     """The estimate of one run of ``RUNS``, with its history."""
     algorithm, H_0, _ = RUNS[run]
-    return wtls(problem.A, problem.y, **problem.cofactors, algorithm=algorithm, H_0=H_0, history=True, max_iterations=max_iterations)
+    return wtls(
+        problem.A,
+        problem.y,
+        **problem.cofactors,
+        algorithm=algorithm,
+        H_0=H_0,
+        history=True,
+        max_iterations=max_iterations,
+    )
 
 
 def counts(history: pd.DataFrame) -> pd.DataFrame:
-    """Iterations, and for searching algorithms evaluations, until the excess of Φ is below ``REACHED``: one row a run.
+    """Iterations, and for searching algorithms evaluations, until the excess of Φ is below
+    ``REACHED``: one row a run.
 
-    Columns: ``run``, its label; a problem each with the iterations; ``<problem>_evaluations``. Missing where it never got there.
+    Columns: ``run``, its label; a problem each with the iterations; ``<problem>_evaluations``.
+    Missing where it never got there.
     """
     rows = []
     for run, (_, _, label) in RUNS.items():
         row: dict = {"run": label}
         for problem in history["problem"].unique():
-            steps = history[(history["problem"] == problem) & (history["run"] == run) & (history["excess"] < REACHED)]
+            steps = history[
+                (history["problem"] == problem)
+                & (history["run"] == run)
+                & (history["excess"] < REACHED)
+            ]
             row[problem] = int(steps["iteration"].iloc[0]) if len(steps) else None
-            row[f"{problem}_evaluations"] = int(steps["evaluations"].iloc[0]) if len(steps) else None
+            row[f"{problem}_evaluations"] = (
+                int(steps["evaluations"].iloc[0]) if len(steps) else None
+            )
         rows.append(row)
     return pd.DataFrame(rows).astype({name: "Int64" for name in rows[0] if name != "run"})
 
 
 def arrivals(points: NDArray[np.float64]) -> pd.DataFrame:
-    """What becomes of every algorithm on many clouds of the plane simulation, each from least squares.
+    """What becomes of every algorithm on many clouds of the plane simulation, each from least
+    squares.
 
     Parameters: points (B, n, 3) in m.
 
-    Returns one row a run of ``RUNS`` with the share of the clouds in percent: ``minimum_percent`` reach the least Φ that any algorithm
-    found; ``other_percent`` converge to a higher one; ``failed_percent`` say themselves that they did not converge.
+    Returns one row a run of ``RUNS`` with the share of the clouds in percent: ``minimum_percent``
+    reach the least Φ that any algorithm found; ``other_percent`` converge to a higher one;
+    ``failed_percent`` say themselves that they did not converge.
     """
     problem = plane_problem(points)
     estimates = {}
     for run, (algorithm, H_0, _) in RUNS.items():
-        estimates[run] = wtls(problem.A, problem.y, **problem.cofactors, algorithm=algorithm, H_0=H_0)
+        estimates[run] = wtls(
+            problem.A, problem.y, **problem.cofactors, algorithm=algorithm, H_0=H_0
+        )
     least = np.min([one.objective for one in estimates.values()], axis=0)
     rows = []
     for run, one in estimates.items():
         arrived = one.converged & (one.objective < least * (1.0 + 1e-9))
         shares = {"minimum": arrived, "other": one.converged & ~arrived, "failed": ~one.converged}
-        rows.append({"run": RUNS[run][2]} | {f"{name}_percent": 100.0 * np.mean(share) for name, share in shares.items()})
+        rows.append(
+            {"run": RUNS[run][2]}
+            | {f"{name}_percent": 100.0 * np.mean(share) for name, share in shares.items()}
+        )
     return pd.DataFrame(rows)
 
 
@@ -122,16 +165,25 @@ def plane_problem(points: NDArray[np.float64]) -> Problem:
     """The plane paper's problem for clouds (…, n, 3), with the weights of their LS planes."""
     Q = 1.0 / incidence_cosines(points, fit_plane(points, "ls").parameters)
     A = np.concatenate([points[..., :2], np.ones(points.shape[:-1] + (1,))], axis=-1)
-    return Problem("plane, n = 100", A, points[..., 2], {"row_cofactors": Q[..., None, None] * np.diag([1.0, 1.0, 0.0, 1.0])})
+    return Problem(
+        "plane, n = 100",
+        A,
+        points[..., 2],
+        {"row_cofactors": Q[..., None, None] * np.diag([1.0, 1.0, 0.0, 1.0])},
+    )
 
 
 def _sphere() -> Problem:
     A, w, Q_X = design(read_sphere_cloud(gross=True))
-    return Problem("sphere, n = 500", A, w, {"Q_0": np.diag([1.0, 1.0, 1.0, 0.0]), "Q_X": Q_X, "Q_y": w})
+    return Problem(
+        "sphere, n = 500", A, w, {"Q_0": np.diag([1.0, 1.0, 1.0, 0.0]), "Q_X": Q_X, "Q_y": w}
+    )
 
 
 def _dense() -> Problem:
-    """Three columns with errors; the correlation of all elements is a random positive definite matrix, errors a tenth of the columns."""
+    """Three columns with errors; the correlation of all elements is a random positive definite
+    matrix, errors a tenth of the columns.
+    """
     generator = np.random.default_rng(SEED)
     n, m = DENSE_ROWS, 3
     A, x = generator.standard_normal((n, m)), np.array([1.0, -2.0, 0.5])

@@ -1,9 +1,12 @@
-"""How good the plane methods are: the error of a, b, c in the paper's simulation, and what its σ0 compares.
+"""How good the plane methods are: the error of a, b, c in the paper's simulation, and what its σ0
+compares.
 
-The three σ0 are of three different quantities. Were all three planes the true one, there would still be
+The three σ0 are of three different quantities. Were all three planes the true one, there would
+still be
 
     LS     vertical residuals                     √(1 + a² + b²) · σ √mean(1/cos θ)
-    TLS    elements of [x, y, 1 | z]              √((1 + a² + b²)/(1 + a² + b² + c²)) · σ √mean(1/cos θ)
+    TLS    elements of [x, y, 1 | z]              √((1 + a² + b²)/(1 + a² + b² + c²)) · σ
+           √mean(1/cos θ)
     mixed  orthogonal distances                   σ √mean(1/cos θ)
     WTLS   a coordinate at cos θ = 1              σ
 
@@ -36,8 +39,9 @@ PARAMETERS = ("a", "b", "c")
 def errors(fits: Mapping[str, PlaneFit]) -> pd.DataFrame:
     """Errors of the parameters over a stack of runs: one row a variant.
 
-    Columns: ``variant``; of a, b and c (in m) ``bias_…``, the mean error, ``median_…``, the median absolute error, ``low_…`` and
-    ``high_…``, the quartiles of the error; ``angle_deg``, median angle between the normal and the true one.
+    Columns: ``variant``; of a, b and c (in m) ``bias_…``, the mean error, ``median_…``, the median
+    absolute error, ``low_…`` and ``high_…``, the quartiles of the error; ``angle_deg``, median
+    angle between the normal and the true one.
     """
     normal = np.array([-PLANE[0], -PLANE[1], 1.0]) / np.sqrt(1 + PLANE[0] ** 2 + PLANE[1] ** 2)
     rows = []
@@ -45,14 +49,29 @@ def errors(fits: Mapping[str, PlaneFit]) -> pd.DataFrame:
         error = fit.parameters - PLANE
         sine = np.linalg.norm(np.cross(fit.normal, normal), axis=-1)
         low, high = np.quantile(error, [0.25, 0.75], axis=0)
-        measures = {"bias": error.mean(axis=0), "median": np.median(np.abs(error), axis=0), "low": low, "high": high}
-        row = {f"{measure}_{name}": values[k] for measure, values in measures.items() for k, name in enumerate(PARAMETERS)}
-        rows.append({"variant": variant} | row | {"angle_deg": np.degrees(np.median(np.arcsin(np.minimum(sine, 1.0))))})
+        measures = {
+            "bias": error.mean(axis=0),
+            "median": np.median(np.abs(error), axis=0),
+            "low": low,
+            "high": high,
+        }
+        row = {
+            f"{measure}_{name}": values[k]
+            for measure, values in measures.items()
+            for k, name in enumerate(PARAMETERS)
+        }
+        rows.append(
+            {"variant": variant}
+            | row
+            | {"angle_deg": np.degrees(np.median(np.arcsin(np.minimum(sine, 1.0))))}
+        )
     return pd.DataFrame(rows)
 
 
 def study(sides: Sequence[float], runs: int, variants: Sequence[str] = COMPARED) -> pd.DataFrame:
-    """`errors` on patches of several ``sides`` in m (``side_m``), with the recovered σ; ``left_out``: runs of no determined slope."""
+    """`errors` on patches of several ``sides`` in m (``side_m``), with the recovered σ;
+    ``left_out``: runs of no determined slope.
+    """
     draws = plane_draws(runs)
     frames = []
     for side in sides:
@@ -64,15 +83,21 @@ def study(sides: Sequence[float], runs: int, variants: Sequence[str] = COMPARED)
     return frame[["side_m", *frame.columns.drop("side_m")]]
 
 
-def closest(fits: Mapping[str, PlaneFit], order: Sequence[str] = ("wtls", "tls", "ls")) -> pd.DataFrame:
-    """In how many ten-run experiments the averaged parameters are as close to the truth as the paper orders them.
+def closest(
+    fits: Mapping[str, PlaneFit], order: Sequence[str] = ("wtls", "tls", "ls")
+) -> pd.DataFrame:
+    """In how many ten-run experiments the averaged parameters are as close to the truth as the
+    paper orders them.
 
-    One row a parameter and one for all three (√(Δa² + Δb² + Δc²)): ``as_printed_percent`` of the experiments have the errors in the printed
-    order, WTLS the smallest; in ``first_of_two_percent`` WTLS is closer than TLS.
+    One row a parameter and one for all three (√(Δa² + Δb² + Δc²)): ``as_printed_percent`` of the
+    experiments have the errors in the printed order, WTLS the smallest; in ``first_of_two_percent``
+    WTLS is closer than TLS.
     """
     runs = consecutive(len(fits[order[0]].parameters))
     found = np.stack([np.abs(fits[name].parameters[runs].mean(axis=1) - PLANE) for name in order])
-    every = {name: found[..., k] for k, name in enumerate(PARAMETERS)} | {"all": np.linalg.norm(found, axis=-1)}
+    every = {name: found[..., k] for k, name in enumerate(PARAMETERS)} | {
+        "all": np.linalg.norm(found, axis=-1)
+    }
     return pd.DataFrame(
         [
             {
@@ -85,8 +110,11 @@ def closest(fits: Mapping[str, PlaneFit], order: Sequence[str] = ("wtls", "tls",
     )
 
 
-def perfect_sigma_0(cosines: NDArray[np.float64], plane: Sequence[float] = PLANE, sigma: float = PLANE_SIGMA) -> dict[str, float]:
-    """σ0 in m that the true plane would give in the sense of each method, for points with these ``cosines``.
+def perfect_sigma_0(
+    cosines: NDArray[np.float64], plane: Sequence[float] = PLANE, sigma: float = PLANE_SIGMA
+) -> dict[str, float]:
+    """σ0 in m that the true plane would give in the sense of each method, for points with these
+    ``cosines``.
 
     >>> {name: round(100 * value, 2) for name, value in perfect_sigma_0(np.full(9, 0.25), (0, 0, 1), sigma=0.01).items()}
     {'ls': 2.0, 'tls': 1.41, 'mixed_ls_tls': 2.0, 'wtls': 1.0}
@@ -94,13 +122,20 @@ def perfect_sigma_0(cosines: NDArray[np.float64], plane: Sequence[float] = PLANE
     a, b, c = plane
     distance = sigma * np.sqrt(np.mean(1.0 / cosines))
     steepness = 1.0 + a * a + b * b
-    found = {"ls": np.sqrt(steepness) * distance, "tls": np.sqrt(steepness / (steepness + c * c)) * distance}
-    return {name: float(value) for name, value in (found | {"mixed_ls_tls": distance, "wtls": sigma}).items()}
+    found = {
+        "ls": np.sqrt(steepness) * distance,
+        "tls": np.sqrt(steepness / (steepness + c * c)) * distance,
+    }
+    return {
+        name: float(value)
+        for name, value in (found | {"mixed_ls_tls": distance, "wtls": sigma}).items()
+    }
 
 
 def meanings(fits: Mapping[str, PlaneFit], cosines: NDArray[np.float64]) -> pd.DataFrame:
-    """What σ0 is of in each method: ``true_plane_cm``, what the true plane would give; ``found_cm``, the mean over the runs;
-    and how far that of WTLS is below, in percent, ``gain_true_plane`` and ``gain_found``; ``sigma_s_cm`` is the same quantity for all."""
+    """What σ0 is of in each method: ``true_plane_cm``, what the true plane would give;
+    ``found_cm``, the mean over the runs; and how far that of WTLS is below, in percent,
+    ``gain_true_plane`` and ``gain_found``; ``sigma_s_cm`` is the same quantity for all."""
     perfect = perfect_sigma_0(cosines)
     found = {name: fits[name].sigma_0.mean() for name in MEANING}
     rows = [

@@ -1,7 +1,9 @@
-"""What the studies of the plane paper share: the variants of its methods, and the five numbers it prints of its simulation.
+"""What the studies of the plane paper share: the variants of its methods, and the five numbers it
+prints of its simulation.
 
     σs = √(Σd²/n)            orthogonal distances d; averaged over ten runs, for LS, TLS and WTLS
-    gain = 1 − σ0(WTLS)/σ0(LS or TLS)         of the unit-weight standard deviations, averaged over ten runs
+    gain = 1 − σ0(WTLS)/σ0(LS or TLS)         of the unit-weight standard deviations, averaged over
+    ten runs
 
 Source: Wu, Chen & Wang, section 3 (the tables themselves are lost, the text states these five).
 """
@@ -26,7 +28,9 @@ from .clouds import PLANE_RUNS
 
 @dataclass(frozen=True)
 class Variant:
-    """A method with its options, and what tables and figures call it; ``true_weights`` if it is told the cosines of the true points."""
+    """A method with its options, and what tables and figures call it; ``true_weights`` if it is
+    told the cosines of the true points.
+    """
 
     method: str
     label: str
@@ -34,7 +38,8 @@ class Variant:
     true_weights: bool = False
 
 
-# The paper's quasi-Newton algorithm finds the same minimum (notebooks 06 and 07); Newton's takes half the time.
+# The paper's quasi-Newton algorithm finds the same minimum (notebooks 06 and 07); Newton's takes
+# half the time.
 NEWTON = {"algorithm": "newton"}
 
 VARIANTS: dict[str, Variant] = {
@@ -42,8 +47,12 @@ VARIANTS: dict[str, Variant] = {
     "tls": Variant("tls", "TLS (pure SVD)"),
     "mixed_ls_tls": Variant("mixed_ls_tls", "mixed LS-TLS"),
     "wtls": Variant("wtls", "WTLS, raw cosines", NEWTON),
-    "wtls, LS plane": Variant("wtls", "WTLS, raw cosines on the LS plane", NEWTON | {"reweightings": 0}),
-    "wtls, projected": Variant("wtls", "WTLS, projected cosines", NEWTON | {"cosine_at": "projected"}),
+    "wtls, LS plane": Variant(
+        "wtls", "WTLS, raw cosines on the LS plane", NEWTON | {"reweightings": 0}
+    ),
+    "wtls, projected": Variant(
+        "wtls", "WTLS, projected cosines", NEWTON | {"cosine_at": "projected"}
+    ),
     "wtls, true": Variant("eiv", "WTLS, true cosines", true_weights=True),
 }
 
@@ -58,7 +67,8 @@ FIVE = {
 
 
 def printed(names: Mapping[str, tuple] = FIVE) -> pd.DataFrame:
-    """The printed numbers: ``quantity``, ``label``, ``printed`` and ``half_unit`` of its last digit.
+    """The printed numbers: ``quantity``, ``label``, ``printed`` and ``half_unit`` of its last
+    digit.
 
     >>> print(printed()[["quantity", "printed", "half_unit"]].to_string(index=False, header=False))
           sigma_s_ls_cm  5.9 0.05
@@ -68,37 +78,49 @@ def printed(names: Mapping[str, tuple] = FIVE) -> pd.DataFrame:
     gain_vs_tls_percent 54.0 0.50
     """
     known = statements()
-    found = [(quantity, label, known[f"wu_chen_wang/{key}"]) for quantity, (key, label, *_) in names.items()]
+    found = [
+        (quantity, label, known[f"wu_chen_wang/{key}"])
+        for quantity, (key, label, *_) in names.items()
+    ]
     rows = [(quantity, label, one.value, one.half_unit) for quantity, label, one in found]
     return pd.DataFrame(rows, columns=["quantity", "label", "printed", "half_unit"])
 
 
 def fitted(points: NDArray[np.float64], cosines: NDArray[np.float64], variant: str) -> PlaneFit:
-    """The planes of a stack (B, n, 3) by a variant; who wants to know whether they converged asks the fit.
+    """The planes of a stack (B, n, 3) by a variant; who wants to know whether they converged asks
+    the fit.
 
     cosines : (B, n) at the points without noise, for the variant that knows them.
     """
     chosen = VARIANTS[variant]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return fit_plane(points, chosen.method, cofactors=1.0 / cosines if chosen.true_weights else None, **chosen.options)
+        return fit_plane(
+            points,
+            chosen.method,
+            cofactors=1.0 / cosines if chosen.true_weights else None,
+            **chosen.options,
+        )
 
 
 def not_upright(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(B,) bool: the clouds whose plane differs from an upright one by at least 4 standard deviations of its normal.
+    """(B,) bool: the clouds whose plane differs from an upright one by at least 4 standard
+    deviations of its normal.
 
-    In the others, a few of thousands where the noise is large against the patch, z = a x + b y + c is not determined: methods that
-    look for a, b and c refuse them or run off.
+    In the others, a few of thousands where the noise is large against the patch, z = a x + b y + c
+    is not determined: methods that look for a, b and c refuse them or run off.
     """
     fit = fit_plane(points, "mixed_ls_tls")
     return fit.normal[..., 2] >= 4.0 * np.sqrt(fit.normal_covariance[..., 2, 2])
 
 
-def five(fits: Mapping[str, PlaneFit], runs: NDArray[np.int_], tls: str = "tls", wtls: str = "wtls") -> NDArray[np.float64]:
+def five(
+    fits: Mapping[str, PlaneFit], runs: NDArray[np.int_], tls: str = "tls", wtls: str = "wtls"
+) -> NDArray[np.float64]:
     """The five numbers (E, 5) of E experiments.
 
-    fits : variant -> planes of a stack (B,); runs : (E, 10) which of the stack each experiment averages; tls and wtls : which
-        variants stand for the paper's.
+    fits : variant -> planes of a stack (B,); runs : (E, 10) which of the stack each experiment
+        averages; tls and wtls : which variants stand for the paper's.
     """
     sigma_s = [fits[name].sigma_s[runs].mean(axis=-1) for name in ("ls", tls, wtls)]
     sigma_0 = [fits[name].sigma_0[runs].mean(axis=-1) for name in ("ls", tls, wtls)]
@@ -107,7 +129,8 @@ def five(fits: Mapping[str, PlaneFit], runs: NDArray[np.int_], tls: str = "tls",
 
 
 def consecutive(count: int) -> NDArray[np.int_]:
-    """(E, 10) runs 0 to 9, 10 to 19, … of ``count``: each run belongs to one experiment; a remainder is left over.
+    """(E, 10) runs 0 to 9, 10 to 19, … of ``count``: each run belongs to one experiment; a
+    remainder is left over.
 
     >>> consecutive(25)[:, [0, -1]].tolist()
     [[0, 9], [10, 19]]
@@ -121,12 +144,15 @@ def against_print(experiments: NDArray[np.float64], ours: NDArray[np.float64]) -
 
     Parameters: experiments (E, 5); ours (5,), of the committed runs.
 
-    Returns one row a number: `printed` and ``ours``, ``median``, ``lower``, ``upper`` (central 95 %), ``percentile`` of the printed
-    number, and ``inside``: whether what rounds to the printed number overlaps the central 95 %.
+    Returns one row a number: `printed` and ``ours``, ``median``, ``lower``, ``upper`` (central 95
+    %), ``percentile`` of the printed number, and ``inside``: whether what rounds to the printed
+    number overlaps the central 95 %.
     """
     frame = printed()
     lower, median, upper = np.quantile(experiments, [0.025, 0.5, 0.975], axis=0)
     value, half = frame["printed"].to_numpy(), frame["half_unit"].to_numpy()
     percentile = 100.0 * np.mean((experiments < value) + 0.5 * (experiments == value), axis=0)
     inside = (value + half > lower) & (value - half < upper)
-    return frame.assign(ours=ours, median=median, lower=lower, upper=upper, percentile=percentile, inside=inside)
+    return frame.assign(
+        ours=ours, median=median, lower=lower, upper=upper, percentile=percentile, inside=inside
+    )

@@ -56,8 +56,12 @@ def assert_agree(one, other):
 @every_structure
 def test_structures_agree(structure):
     assert_agree(structure, dense_of(structure))
-    whole, part = dense_of(structure).weighted_sum(MULTIPLIERS, T), structure.weighted_sum(MULTIPLIERS, T)
-    if isinstance(structure, CommonCofactors):  # what belongs to y alone is left out: no solver needs it
+    whole, part = (
+        dense_of(structure).weighted_sum(MULTIPLIERS, T),
+        structure.weighted_sum(MULTIPLIERS, T),
+    )
+    # what belongs to y alone is left out: no solver needs it
+    if isinstance(structure, CommonCofactors):
         whole[-1, -1] = part[-1, -1]
     np.testing.assert_allclose(part, whole, atol=1e-12)
 
@@ -65,7 +69,9 @@ def test_structures_agree(structure):
 @every_structure
 def test_misclosure_is_the_propagated_variance(structure):
     Q = rows_of(structure).Q
-    np.testing.assert_allclose(structure.misclosure(Z), [Z @ Q[i] @ Z for i in range(N)], rtol=1e-13)
+    np.testing.assert_allclose(
+        structure.misclosure(Z), [Z @ Q[i] @ Z for i in range(N)], rtol=1e-13
+    )
 
 
 @every_structure
@@ -96,8 +102,12 @@ def test_slope_of_correlated_rows():
 def test_dense_blocks():
     """vec(A) goes column by column."""
     whole = symmetric(size=N * (M + 1))
-    cofactors = DenseCofactors.from_blocks(whole[M * N :, M * N :], whole[: M * N, : M * N], whole[: M * N, M * N :])
-    np.testing.assert_array_equal(cofactors.Q.swapaxes(1, 2).reshape(N * (M + 1), N * (M + 1)), whole)
+    cofactors = DenseCofactors.from_blocks(
+        whole[M * N :, M * N :], whole[: M * N, : M * N], whole[: M * N, M * N :]
+    )
+    np.testing.assert_array_equal(
+        cofactors.Q.swapaxes(1, 2).reshape(N * (M + 1), N * (M + 1)), whole
+    )
     B = np.kron(Z, np.eye(N))
     np.testing.assert_allclose(cofactors.misclosure(Z), B @ whole @ B.T, rtol=1e-12)
 
@@ -107,7 +117,9 @@ def test_transformed_rows_have_transformed_cofactors(structure):
     L = GENERATOR.standard_normal((M + 1, M + 1))
     L[:-1, -1] = 0.0  # y's own part stays y's own
     transformed = structure.transformed(L)
-    np.testing.assert_allclose(rows_of(transformed).Q, L @ rows_of(structure).Q @ L.T, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        rows_of(transformed).Q, L @ rows_of(structure).Q @ L.T, rtol=1e-12, atol=1e-12
+    )
     assert_agree(transformed, dense_of(structure).transformed(L))
 
 
@@ -120,31 +132,50 @@ def test_flattened_and_selected_stacks():
     assert flat.rows.shape == (6, M + 1, N) and flat.cofactors.h.shape == (6, N)
     np.testing.assert_array_equal(flat.cofactors.h[4], h[1])
     z = np.tile(Z, (6, 1))
-    np.testing.assert_allclose(flat.cofactors.misclosure(z).reshape(2, 3, N), stack.cofactors.misclosure(z.reshape(2, 3, -1)), rtol=1e-14)
+    np.testing.assert_allclose(
+        flat.cofactors.misclosure(z).reshape(2, 3, N),
+        stack.cofactors.misclosure(z.reshape(2, 3, -1)),
+        rtol=1e-14,
+    )
     keep = np.array([True, False, False, True, False, True])
     np.testing.assert_array_equal(flat[keep].cofactors.C, flat.cofactors.C[keep])
     np.testing.assert_array_equal(flat[keep].rows, flat.rows[keep])
-    matrices = EIVProblem(rows, RowCofactors(np.broadcast_to(symmetric(N), (2, 3, N, M + 1, M + 1)))).flattened()
+    matrices = EIVProblem(
+        rows, RowCofactors(np.broadcast_to(symmetric(N), (2, 3, N, M + 1, M + 1)))
+    ).flattened()
     assert matrices[keep].cofactors.Q.shape == (3, N, M + 1, M + 1)
     Q = symmetric(2, 1, size=N * (M + 1)).reshape(2, 1, M + 1, N, M + 1, N).swapaxes(-2, -3)
     blocks = EIVProblem(rows, DenseCofactors(Q)).flattened()
     assert blocks[keep].cofactors.Q.shape == (3, M + 1, M + 1, N, N)
-    np.testing.assert_array_equal(blocks.cofactors.Q[1], blocks.cofactors.Q[2])  # one for each problem of the second axis
+    # one for each problem of the second axis
+    np.testing.assert_array_equal(blocks.cofactors.Q[1], blocks.cofactors.Q[2])
 
 
 def test_stack_of_correlated_problems_is_each_of_them():
     Q = symmetric(3, size=N * (M + 1)).reshape(3, M + 1, N, M + 1, N).swapaxes(-2, -3)
-    z, columns, multipliers = GENERATOR.standard_normal((3, M + 1)), GENERATOR.standard_normal((3, M, N)), GENERATOR.standard_normal((3, N))
+    z, columns, multipliers = (
+        GENERATOR.standard_normal((3, M + 1)),
+        GENERATOR.standard_normal((3, M, N)),
+        GENERATOR.standard_normal((3, N)),
+    )
     stack = DenseCofactors(Q)
     S, errors = stack.misclosure(z), stack.errors(z, multipliers)
     for i in range(3):
         one = DenseCofactors(Q[i])
         np.testing.assert_allclose(S[i], one.misclosure(z[i]), rtol=1e-12)
-        np.testing.assert_allclose(stack.weigh(S, columns)[i], one.weigh(S[i], columns[i]), rtol=1e-9)
-        np.testing.assert_allclose(errors[i], one.errors(z[i], multipliers[i]), rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(
+            stack.weigh(S, columns)[i], one.weigh(S[i], columns[i]), rtol=1e-9
+        )
+        np.testing.assert_allclose(
+            errors[i], one.errors(z[i], multipliers[i]), rtol=1e-11, atol=1e-11
+        )
         slope = one.slope(z[i], multipliers[i], errors[i])
-        np.testing.assert_allclose(stack.slope(z, multipliers, errors)[i], slope, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(
+            stack.slope(z, multipliers, errors)[i], slope, rtol=1e-11, atol=1e-11
+        )
         V = one.weighted_sum(multipliers[i], multipliers[i])
         np.testing.assert_allclose(stack.weighted_sum(multipliers, multipliers)[i], V, rtol=1e-11)
         L = GENERATOR.standard_normal((M + 1, M + 1))
-        np.testing.assert_allclose(stack.transformed(L).Q[i], one.transformed(L).Q, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(
+            stack.transformed(L).Q[i], one.transformed(L).Q, rtol=1e-11, atol=1e-11
+        )

@@ -1,4 +1,6 @@
-"""The formulas that learn a Hessian, and the search along a line: against their definitions and a closed form."""
+"""The formulas that learn a Hessian, and the search along a line: against their definitions and a
+closed form.
+"""
 
 import numpy as np
 import pytest
@@ -34,21 +36,28 @@ def test_update_meets_the_secant_condition_and_stays_positive_definite(update):
 def test_updates_are_dual():
     """BFGS of the inverse Hessian is DFP of the Hessian with s and v exchanged."""
     H, s, v = steps_and_changes()
-    np.testing.assert_allclose(np.linalg.inv(bfgs(H, s, v)), dfp(np.linalg.inv(H), v, s), rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(
+        np.linalg.inv(bfgs(H, s, v)), dfp(np.linalg.inv(H), v, s), rtol=1e-7, atol=1e-7
+    )
 
 
 # ------------------------------------------------------------------------------ planes
 
 
 def planes(count=40, n=30):
-    """A stack of planes with one weight a point for all coordinates, starting values and directions downhill."""
+    """A stack of planes with one weight a point for all coordinates, starting values and directions
+    downhill.
+    """
     generator = np.random.default_rng(2)
     A = np.concatenate([generator.uniform(-1, 1, (count, n, 2)), np.ones((count, n, 1))], axis=-1)
     y = A @ [0.3, -2.0, 1.0] + 0.3 * generator.standard_normal((count, n))
     P = generator.uniform(0.2, 5.0, n)
     C = np.broadcast_to(np.diag([1.0, 1.0, 0.0, 0.0]), (count, 4, 4))
     rows = np.concatenate([A, y[..., None]], axis=-1).swapaxes(-1, -2)
-    problem = EIVProblem(rows, CommonCofactors(C, np.broadcast_to(1 / P, (count, n)), np.broadcast_to(1 / P, (count, n))))
+    problem = EIVProblem(
+        rows,
+        CommonCofactors(C, np.broadcast_to(1 / P, (count, n)), np.broadcast_to(1 / P, (count, n))),
+    )
     x = np.array([0.3, -2.0, 1.0]) + generator.standard_normal((count, 3))
     value, gradient = value_and_gradient(problem, x)
     H = np.diag([0.02, 0.02, 0.005]) * generator.uniform(0.05, 20.0, (count, 1, 1))
@@ -57,7 +66,9 @@ def planes(count=40, n=30):
 
 
 def best_step_for_a_plane(A, y, P, x, d):
-    """The α that minimises Φ(x + α d) = Σ P (r − α q)² / |(x_a + α d_a, x_b + α d_b, −1)|²: a root of a quadratic equation."""
+    """The α that minimises Φ(x + α d) = Σ P (r − α q)² / |(x_a + α d_a, x_b + α d_b, −1)|²: a root
+    of a quadratic equation.
+    """
     r, q = y - A @ x, A @ d
     n0, n1, n2 = P @ r**2, P @ (r * q), P @ q**2
     s0, s1, s2 = 1 + x[0] ** 2 + x[1] ** 2, x[0] * d[0] + x[1] * d[1], d[0] ** 2 + d[1] ** 2
@@ -70,9 +81,15 @@ def test_exact_line_search_is_the_closed_form_for_planes():
     """With c2 → 0 the search goes on to the minimum along the line."""
     A, y, P, problem, x, value, gradient, d = planes()
     alpha, *_ = line_search(problem, x, d, value, gradient, curvature=1e-9)
-    expected = np.array([best_step_for_a_plane(*one) for one in zip(A, y, np.broadcast_to(P, y.shape), x, d, strict=True)])
+    expected = np.array(
+        [
+            best_step_for_a_plane(*one)
+            for one in zip(A, y, np.broadcast_to(P, y.shape), x, d, strict=True)
+        ]
+    )
     np.testing.assert_allclose(alpha, expected, rtol=1e-7)
-    assert expected.min() < 0.5 and expected.max() > 50  # reached by interpolation, and by extrapolation
+    # reached by interpolation, and by extrapolation
+    assert expected.min() < 0.5 and expected.max() > 50
 
 
 def test_line_search_meets_the_wolfe_conditions():
@@ -107,17 +124,23 @@ def test_line_search_that_finds_nothing_stays():
 
 @both_updates
 def test_rounding_does_not_stop_it_early(update):
-    """Where Φ itself changes no more in its last digits (x good to 1e-8), the gradient still leads on."""
+    """Where Φ itself changes no more in its last digits (x good to 1e-8), the gradient still leads
+    on.
+    """
     A, y, P, problem, *_ = planes()
     start = np.linalg.lstsq(A[0], y[0], rcond=None)[0] + 0.1
     starts = np.tile(start, (40, 1))
-    x, ended = minimised(problem, starts, update, 1e-14, 500, H_0=np.broadcast_to(2.0 * np.eye(3), (40, 3, 3)))
+    x, ended = minimised(
+        problem, starts, update, 1e-14, 500, H_0=np.broadcast_to(2.0 * np.eye(3), (40, 3, 3))
+    )
     assert ended.converged.all()
     for i in range(40):
         newton = analysis.wtls(A[i], y[i], Q_0=np.diag([1.0, 1.0, 0.0]), Q_X=1 / P, Q_y=1 / P)
         np.testing.assert_allclose(x[i], newton.x, rtol=1e-11)
     # A library's BFGS without the test on the gradient, for comparison.
-    other = minimize(lambda x: objective(problem[:1], x[None])[0], start, method="BFGS", options={"gtol": 1e-15})
+    other = minimize(
+        lambda x: objective(problem[:1], x[None])[0], start, method="BFGS", options={"gtol": 1e-15}
+    )
     assert np.abs(other.x - x[0]).max() > 1e-10
 
 
@@ -135,13 +158,17 @@ def test_hessian_gone_wrong_is_begun_anew(update):
 
 @both_updates
 def test_small_steps_alone_are_no_convergence(update):
-    """The paper's sphere in orthonormal columns, with H_0 far too small: there steps of 1e-11 are a hundredth of what is left."""
+    """The paper's sphere in orthonormal columns, with H_0 far too small: there steps of 1e-11 are a
+    hundredth of what is left.
+    """
     points = clouds.sphere_cloud(np.random.default_rng(1), 500)
     columns, R = np.linalg.qr(np.column_stack([2 * points, np.ones(500)]))
     w = np.sum(points**2, axis=1)
     C = np.zeros((1, 5, 5))
     C[0, :4, :4] = np.linalg.inv(R).T @ np.diag([1.0, 1.0, 1.0, 0.0]) @ np.linalg.inv(R)
-    problem = EIVProblem(np.vstack([columns.T, w])[None], CommonCofactors(C, np.ones((1, 500)), w[None]))
+    problem = EIVProblem(
+        np.vstack([columns.T, w])[None], CommonCofactors(C, np.ones((1, 500)), w[None])
+    )
     start = (columns.T @ w)[None]
     x, ended = minimised(problem, start, update, 1e-14, 1000, H_0=2.0 * np.eye(4)[None])
     good, _ = minimised(problem, start, update, 1e-14, 1000)
@@ -157,6 +184,9 @@ def test_identity_is_that_of_the_objective_in_the_given_columns():
     C = np.diag([0.02, 0.01, 0.03, 0.0])
     known = {"Q_0": C[:3, :3], "Q_X": np.ones(30), "Q_y": np.full(30, 2.0)}
     history = analysis.wtls(A, y, **known, algorithm="bfgs", H_0="identity", history=True).history
-    half = value_and_gradient(EIVProblem(np.vstack([A.T, y]), CommonCofactors(C, np.ones(30), np.full(30, 2.0))), history.x[0])[1]
+    half = value_and_gradient(
+        EIVProblem(np.vstack([A.T, y]), CommonCofactors(C, np.ones(30), np.full(30, 2.0))),
+        history.x[0],
+    )[1]
     assert history.trials[1] == 1
     np.testing.assert_allclose(history.x[1] - history.x[0], -2.0 * half, rtol=1e-9)

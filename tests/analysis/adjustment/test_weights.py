@@ -1,4 +1,6 @@
-"""Every weight function is what it says: one loss, its derivatives, its weight, and its constants at the normal law."""
+"""Every weight function is what it says: one loss, its derivatives, its weight, and its constants
+at the normal law.
+"""
 
 import dataclasses
 import math
@@ -7,9 +9,23 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from analysis.adjustment.weights import IGG1, IGG3, WEIGHT_FUNCTIONS, Bisquare, Danish, Hampel, Huber
+from analysis.adjustment.weights import (
+    IGG1,
+    IGG3,
+    WEIGHT_FUNCTIONS,
+    Bisquare,
+    Danish,
+    Hampel,
+    Huber,
+)
 
-FUNCTIONS = [*WEIGHT_FUNCTIONS.values(), IGG3(1.5, 3.0), IGG3(1.1, 2.9, power=2), IGG3(2, 6, power=2), Hampel(1.5, 1.5, 2.5)]
+FUNCTIONS = [
+    *WEIGHT_FUNCTIONS.values(),
+    IGG3(1.5, 3.0),
+    IGG3(1.1, 2.9, power=2),
+    IGG3(2, 6, power=2),
+    Hampel(1.5, 1.5, 2.5),
+]
 every_function = pytest.mark.parametrize("function", FUNCTIONS, ids=repr)
 
 STEP = 1e-6
@@ -27,7 +43,9 @@ def slope(f, u):
 
 
 def normal_mean(function, f):
-    """E[f(u)] of an even f by Gauss-Legendre panels between the kinks: independent of the module's quadrature."""
+    """E[f(u)] of an even f by Gauss-Legendre panels between the kinks: independent of the module's
+    quadrature.
+    """
     edges = np.unique([0.0, 1.0, 2.0, 4.0, 6.0, 9.0, 12.0, *function.kinks])
     nodes, weights = np.polynomial.legendre.leggauss(40)
     half = np.diff(edges)[:, None] / 2
@@ -64,7 +82,11 @@ def test_symmetry(function):
 
 @every_function
 def test_weight_falls_from_one_and_loss_grows_from_zero(function):
-    u = np.sort(np.concatenate([np.linspace(0.0, 9.0, 9001), function.kinks, np.nextafter(function.kinks, 0)]))
+    u = np.sort(
+        np.concatenate(
+            [np.linspace(0.0, 9.0, 9001), function.kinks, np.nextafter(function.kinks, 0)]
+        )
+    )
     weight, rho = function.weight(u), function.rho(u)
     assert weight[0] == 1 and rho[0] == 0
     assert np.all(np.diff(weight) <= 0) and np.all(weight >= 0)
@@ -115,11 +137,20 @@ def test_shapes_types_and_extremes_without_a_warning_and_without_a_change(functi
 def test_constants_by_another_quadrature(function):
     exact = dict(rel=1e-10, abs=1e-10)
     assert function.mean_weight == pytest.approx(normal_mean(function, function.weight), **exact)
-    assert function.mean_psi_squared == pytest.approx(normal_mean(function, lambda u: function.psi(u) ** 2), **exact)
+    assert function.mean_psi_squared == pytest.approx(
+        normal_mean(function, lambda u: function.psi(u) ** 2), **exact
+    )
     # Stein's lemma: E[uψ] is the mean slope together with the jumps, at +k and at −k.
-    jumps = sum(2 * (function.psi(k) - function.psi(np.nextafter(k, 0))) * norm.pdf(k) for k in set(function.kinks))
-    assert function.mean_psi_prime == pytest.approx(normal_mean(function, function.psi_prime) + jumps, **exact)
-    assert function.efficiency == pytest.approx(function.mean_psi_prime**2 / function.mean_psi_squared)
+    jumps = sum(
+        2 * (function.psi(k) - function.psi(np.nextafter(k, 0))) * norm.pdf(k)
+        for k in set(function.kinks)
+    )
+    assert function.mean_psi_prime == pytest.approx(
+        normal_mean(function, function.psi_prime) + jumps, **exact
+    )
+    assert function.efficiency == pytest.approx(
+        function.mean_psi_prime**2 / function.mean_psi_squared
+    )
     assert function.efficiency < 1
 
 
@@ -133,7 +164,14 @@ def test_consistency_factor_recovers_the_variance(function):
 
 
 @pytest.mark.parametrize(
-    ("function", "mean_weight", "mean_psi_prime", "mean_psi_squared", "efficiency", "consistency_factor"),
+    (
+        "function",
+        "mean_weight",
+        "mean_psi_prime",
+        "mean_psi_squared",
+        "efficiency",
+        "consistency_factor",
+    ),
     [
         (IGG3(1.5, 2.5, 1), 0.9351, 0.6846, 0.6121, 0.766, 0.7321),
         (IGG3(1.5, 2.5, 2), 0.9197, 0.6294, 0.5689, 0.696, 0.6843),
@@ -143,7 +181,9 @@ def test_consistency_factor_recovers_the_variance(function):
         (IGG3(2.5, 5.0, 1), 0.9974, 0.9752, 0.9599, 0.991, 0.9777),
     ],
 )
-def test_tabulated_constants_of_igg3(function, mean_weight, mean_psi_prime, mean_psi_squared, efficiency, consistency_factor):
+def test_tabulated_constants_of_igg3(
+    function, mean_weight, mean_psi_prime, mean_psi_squared, efficiency, consistency_factor
+):
     assert round(function.mean_weight, 4) == mean_weight
     assert round(function.mean_psi_prime, 4) == mean_psi_prime
     assert round(function.mean_psi_squared, 4) == mean_psi_squared
@@ -155,14 +195,24 @@ def test_constants_of_huber_in_closed_form():
     for c in (0.01, 1.345, 3.0):
         huber, inside = Huber(c), 2 * norm.cdf(c) - 1
         assert huber.mean_psi_prime == pytest.approx(inside, abs=1e-12)
-        assert huber.mean_psi_squared == pytest.approx(inside - 2 * c * norm.pdf(c) + 2 * c**2 * norm.sf(c), abs=1e-12)
+        assert huber.mean_psi_squared == pytest.approx(
+            inside - 2 * c * norm.pdf(c) + 2 * c**2 * norm.sf(c), abs=1e-12
+        )
 
 
 def test_published_efficiencies_and_limits():
     assert Huber(1.345).efficiency == pytest.approx(0.95, abs=1e-5)
     assert Bisquare(4.685).efficiency == pytest.approx(0.95, abs=1e-5)
     assert Huber(1e-6).efficiency == pytest.approx(2 / math.pi, rel=1e-5)  # the median
-    for wide in (IGG3(50, 90), IGG1(50, 90), Huber(1e3), Hampel(50, 60, 90), Bisquare(1e6), Danish(1e3)):  # least squares
+    # least squares
+    for wide in (
+        IGG3(50, 90),
+        IGG1(50, 90),
+        Huber(1e3),
+        Hampel(50, 60, 90),
+        Bisquare(1e6),
+        Danish(1e3),
+    ):
         assert wide.efficiency == pytest.approx(1, abs=1e-10)
         assert wide.consistency_factor == pytest.approx(1, abs=1e-10)
 
@@ -176,17 +226,29 @@ def test_igg3_is_exact_at_its_thresholds(power):
         assert igg3.weight(k0) == igg3.weight(np.nextafter(k0, 0)) == 1
         assert igg3.weight(igg3.k1) == 0 < igg3.weight(np.nextafter(igg3.k1, 0))
         u = random.uniform(k0, igg3.k1, 50)
-        np.testing.assert_allclose(igg3.weight(u), k0 / u * ((igg3.k1 - u) / (igg3.k1 - k0)) ** power, rtol=1e-12)
+        np.testing.assert_allclose(
+            igg3.weight(u), k0 / u * ((igg3.k1 - u) / (igg3.k1 - k0)) ** power, rtol=1e-12
+        )
 
 
 def test_relatives():
-    """As printed, IGG III is Hampel's function with a = b; IGG I is Huber's up to its rejection point."""
+    """As printed, IGG III is Hampel's function with a = b; IGG I is Huber's up to its rejection
+    point.
+    """
     u = np.linspace(-4, 4, 801)
     for name in ("rho", "psi", "psi_prime", "weight"):
-        printed, hampel = getattr(IGG3(1.5, 2.5, 1), name)(u), getattr(Hampel(1.5, 1.5, 2.5), name)(u)
+        printed, hampel = (
+            getattr(IGG3(1.5, 2.5, 1), name)(u),
+            getattr(Hampel(1.5, 1.5, 2.5), name)(u),
+        )
         np.testing.assert_allclose(printed, hampel, rtol=0, atol=1e-14)
         inside = u[np.abs(u) < 2.5]
-        np.testing.assert_allclose(getattr(IGG1(1.5, 2.5), name)(inside), getattr(Huber(1.5), name)(inside), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(
+            getattr(IGG1(1.5, 2.5), name)(inside),
+            getattr(Huber(1.5), name)(inside),
+            rtol=0,
+            atol=1e-14,
+        )
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, -math.inf])
@@ -195,14 +257,20 @@ def test_every_bad_threshold_is_refused(function, value):
     for field in dataclasses.fields(function):
         if field.name == "power":
             continue
-        with pytest.raises(ValueError, match=rf"expected 0 < .*, got {type(function).__name__}\(.*{field.name}={value}"):
+        with pytest.raises(
+            ValueError,
+            match=rf"expected 0 < .*, got {type(function).__name__}\(.*{field.name}={value}",
+        ):
             dataclasses.replace(function, **{field.name: value})
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: IGG3(2.5, 1.5), r"expected 0 < k0 < k1 < ∞ and power 1 or 2, got IGG3\(k0=2.5, k1=1.5, power=1\)"),
+        (
+            lambda: IGG3(2.5, 1.5),
+            r"expected 0 < k0 < k1 < ∞ and power 1 or 2, got IGG3\(k0=2.5, k1=1.5, power=1\)",
+        ),
         (lambda: IGG3(2.5, 2.5), r"k0 < k1 .* got IGG3\(k0=2.5, k1=2.5"),
         (lambda: IGG3(power=3), r"power 1 or 2, got .*power=3"),
         (lambda: IGG3(power=1.5), r"power 1 or 2, got .*power=1.5"),

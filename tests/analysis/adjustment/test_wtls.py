@@ -1,4 +1,6 @@
-"""The solvers on linear errors-in-variables problems: against each other, against dense algebra, against other libraries."""
+"""The solvers on linear errors-in-variables problems: against each other, against dense algebra,
+against other libraries.
+"""
 
 import dataclasses
 
@@ -63,7 +65,9 @@ def dense_blocks(rows):
 
 
 def profile_objective(A, y, Q_y, Q_A, Q_Ay):
-    """Φ(x) = (y − Ax)ᵀ M⁻¹ (y − Ax), M by propagation with Kronecker products, as the textbooks write it."""
+    """Φ(x) = (y − Ax)ᵀ M⁻¹ (y − Ax), M by propagation with Kronecker products, as the textbooks
+    write it.
+    """
 
     def phi(x):
         B = np.kron(x, np.eye(len(y)))
@@ -74,7 +78,9 @@ def profile_objective(A, y, Q_y, Q_A, Q_Ay):
 
 
 def minimum_by_newton(phi, x):
-    """Minimum of a smooth function by Newton's method with nothing but its values (complex steps, then differences)."""
+    """Minimum of a smooth function by Newton's method with nothing but its values (complex steps,
+    then differences).
+    """
     for _ in range(12):
         gradient, hessian = numerical_derivatives(phi, x)
         x = x - np.linalg.solve(hessian, gradient)
@@ -87,7 +93,9 @@ def numerical_derivatives(phi, x, step=1e-5):
     def gradient(x):
         return np.array([phi(x + 1e-30j * e).imag * 1e30 for e in np.eye(len(x))])
 
-    hessian = np.array([(gradient(x + step * e) - gradient(x - step * e)) / (2 * step) for e in np.eye(len(x))])
+    hessian = np.array(
+        [(gradient(x + step * e) - gradient(x - step * e)) / (2 * step) for e in np.eye(len(x))]
+    )
     return gradient(x), hessian
 
 
@@ -100,7 +108,9 @@ def test_row_form_equals_dense_kronecker_form(algorithm, kind):
     A, y = sphere_rows()
     P = point_weights(kind)
     rows = analysis.wtls(A, y, Q_0=SPHERE_Q_0, Q_X=1 / P, Q_y=y / P, algorithm=algorithm)
-    dense = analysis.wtls(A, y, Q_A=np.kron(SPHERE_Q_0, np.diag(1 / P)), Q_y=np.diag(y / P), algorithm=algorithm)
+    dense = analysis.wtls(
+        A, y, Q_A=np.kron(SPHERE_Q_0, np.diag(1 / P)), Q_y=np.diag(y / P), algorithm=algorithm
+    )
     np.testing.assert_allclose(rows.x, dense.x, rtol=0, atol=1e-12)
     np.testing.assert_allclose(rows.cofactor, dense.cofactor, rtol=1e-12)
     np.testing.assert_allclose(rows.objective, dense.objective, rtol=1e-12)
@@ -108,7 +118,9 @@ def test_row_form_equals_dense_kronecker_form(algorithm, kind):
 
 @pytest.mark.parametrize("kind", ["equal", "random"])
 def test_schaffrin_wieser_is_the_printed_iteration(kind):
-    """Eqs. (16)-(17) of Ou & Liu with n×n matrices and the raw rows; there rounding ends it at 1e-11."""
+    """Eqs. (16)-(17) of Ou & Liu with n×n matrices and the raw rows; there rounding ends it at
+    1e-11.
+    """
     A, y = sphere_rows()
     P = point_weights(kind)
     Q_X, Q_Y = np.diag(1 / P), np.diag(y / P)
@@ -118,7 +130,9 @@ def test_schaffrin_wieser_is_the_printed_iteration(kind):
         multipliers = mu @ (y - A @ X)
         nu = multipliers @ Q_X @ multipliers
         X = np.linalg.solve(A.T @ mu @ A - nu * SPHERE_Q_0, A.T @ mu @ y)
-    estimate = analysis.wtls(A, y, Q_0=SPHERE_Q_0, Q_X=1 / P, Q_y=y / P, algorithm="schaffrin_wieser")
+    estimate = analysis.wtls(
+        A, y, Q_0=SPHERE_Q_0, Q_X=1 / P, Q_y=y / P, algorithm="schaffrin_wieser"
+    )
     np.testing.assert_allclose(estimate.x, X, rtol=0, atol=3e-11)
     np.testing.assert_allclose(estimate.objective, multipliers @ (y - A @ X), rtol=1e-9)
 
@@ -142,8 +156,12 @@ def test_weight_of_zero_in_a_step_deletes_the_row():
     X = np.array([9.0, 11.0, 0.5, 3.0])
     used = weights > 0
     whole = eiv_problem(A, y, kronecker(SPHERE_Q_0, np.ones(60), y))
-    rest = eiv_problem(A[used], y[used], kronecker(SPHERE_Q_0, 1 / weights[used], y[used] / weights[used]))
-    np.testing.assert_allclose(schaffrin_wieser_step(whole, X, weights), schaffrin_wieser_step(rest, X), rtol=1e-11)
+    rest = eiv_problem(
+        A[used], y[used], kronecker(SPHERE_Q_0, 1 / weights[used], y[used] / weights[used])
+    )
+    np.testing.assert_allclose(
+        schaffrin_wieser_step(whole, X, weights), schaffrin_wieser_step(rest, X), rtol=1e-11
+    )
 
 
 @every_algorithm
@@ -157,12 +175,19 @@ def test_row_cofactors_equal_their_dense_blocks(algorithm):
     assert rows.converged and dense.converged
     np.testing.assert_allclose(rows.x, dense.x, rtol=0, atol=1e-12)
     np.testing.assert_allclose(rows.cofactor, dense.cofactor, rtol=1e-11)
-    np.testing.assert_allclose(rows.x, minimum_by_newton(profile_objective(A, y, Q_y, Q_A, Q_Ay), rows.x + 1e-3), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        rows.x,
+        minimum_by_newton(profile_objective(A, y, Q_y, Q_A, Q_Ay), rows.x + 1e-3),
+        rtol=0,
+        atol=1e-11,
+    )
 
 
 @every_algorithm
 def test_correlated_rows(algorithm):
-    """Everything correlated with everything: the minimum of the textbook's Φ, found with its values alone."""
+    """Everything correlated with everything: the minimum of the textbook's Φ, found with its values
+    alone.
+    """
     n, m = 12, 2
     A, y, generator = some_problem(n, m)
     Q = covariances(generator, 1, n * (m + 1))[0]
@@ -170,7 +195,9 @@ def test_correlated_rows(algorithm):
     phi = profile_objective(A, y, Q_y, Q_A, Q_Ay)
     estimate = analysis.wtls(A, y, Q_y=Q_y, Q_A=Q_A, Q_Ay=Q_Ay, algorithm=algorithm)
     assert estimate.converged
-    np.testing.assert_allclose(estimate.x, minimum_by_newton(phi, estimate.x + 1e-3), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        estimate.x, minimum_by_newton(phi, estimate.x + 1e-3), rtol=0, atol=1e-11
+    )
     np.testing.assert_allclose(estimate.objective, phi(estimate.x), rtol=1e-12)
     # The correlations matter: without them the solution is another.
     without = analysis.wtls(A, y, Q_y=np.diag(Q_y), Q_A=np.diag(np.diag(Q_A)))
@@ -182,7 +209,9 @@ def test_full_row_matrix_with_common_columns():
     A, y, generator = some_problem()
     Q_0, Q_X = covariances(generator, 1, 3)[0], covariances(generator, 1, 15)[0]
     product = analysis.wtls(A, y, Q_0=Q_0, Q_X=Q_X)
-    np.testing.assert_allclose(product.x, analysis.wtls(A, y, Q_A=np.kron(Q_0, Q_X)).x, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        product.x, analysis.wtls(A, y, Q_A=np.kron(Q_0, Q_X)).x, rtol=0, atol=1e-13
+    )
     assert np.abs(product.x - analysis.wtls(A, y, Q_0=Q_0, Q_X=np.diag(Q_X)).x).max() > 1e-6
 
 
@@ -193,22 +222,36 @@ def problems():
     A, y, generator = some_problem()
     full = covariances(generator, 1, 60)[0]
     return {
-        "common": eiv_problem(A, y, kronecker(full[:3, :3], generator.uniform(1, 3, 15), generator.uniform(0.01, 0.03, 15))),
+        "common": eiv_problem(
+            A,
+            y,
+            kronecker(full[:3, :3], generator.uniform(1, 3, 15), generator.uniform(0.01, 0.03, 15)),
+        ),
         "rows": eiv_problem(A, y, RowCofactors(covariances(generator, 15, 4))),
-        "dense": eiv_problem(A, y, DenseCofactors.from_blocks(full[45:, 45:], full[:45, :45], full[:45, 45:])),
+        "dense": eiv_problem(
+            A, y, DenseCofactors.from_blocks(full[45:, 45:], full[:45, :45], full[:45, 45:])
+        ),
     }
 
 
 @pytest.mark.parametrize("name", ["common", "rows", "dense"])
 def test_gradient_and_hessian_are_exact(name):
-    """At the solution's neighbour and far off, against Φ's values alone; Gauss-Newton's Hessian is another."""
+    """At the solution's neighbour and far off, against Φ's values alone; Gauss-Newton's Hessian is
+    another.
+    """
     problem = problems()[name]
     for x in (np.array([1.05, 1.9, 3.1]), np.array([4.0, -7.0, 2.0])):
         value, gradient, hessian = derivatives(problem, x)
-        numerical_gradient, numerical_hessian = numerical_derivatives(lambda x: objective(problem, x), x)
+        numerical_gradient, numerical_hessian = numerical_derivatives(
+            lambda x: objective(problem, x), x
+        )
         np.testing.assert_allclose(value, objective(problem, x), rtol=1e-13)
-        np.testing.assert_allclose(gradient, numerical_gradient / 2, rtol=0, atol=1e-12 * np.abs(gradient).max())
-        np.testing.assert_allclose(hessian, numerical_hessian / 2, rtol=0, atol=1e-8 * np.abs(hessian).max())
+        np.testing.assert_allclose(
+            gradient, numerical_gradient / 2, rtol=0, atol=1e-12 * np.abs(gradient).max()
+        )
+        np.testing.assert_allclose(
+            hessian, numerical_hessian / 2, rtol=0, atol=1e-8 * np.abs(hessian).max()
+        )
         gauss_newton = np.linalg.inv(gauss_newton_cofactor(problem, x))
         assert np.abs(gauss_newton - hessian).max() > 1e-3 * np.abs(hessian).max()
 
@@ -217,11 +260,15 @@ def test_gradient_and_hessian_are_exact(name):
 def test_newton_step_solves_with_them(name):
     problem, x = problems()[name], np.array([1.05, 1.9, 3.1])
     _, gradient, hessian = derivatives(problem, x)
-    np.testing.assert_allclose(newton_step(problem, x) - x, -np.linalg.solve(hessian, gradient), rtol=1e-9)
+    np.testing.assert_allclose(
+        newton_step(problem, x) - x, -np.linalg.solve(hessian, gradient), rtol=1e-9
+    )
 
 
 def test_newton_step_that_would_climb_is_replaced():
-    """Far away the Hessian need not be positive definite; there the way of a Gauss-Newton step is taken, which leads downhill."""
+    """Far away the Hessian need not be positive definite; there the way of a Gauss-Newton step is
+    taken, which leads downhill.
+    """
     problem = problems()["rows"]
     kinds = []
     for x in 30 * np.random.default_rng(7).standard_normal((40, 3)):
@@ -235,7 +282,9 @@ def test_newton_step_that_would_climb_is_replaced():
             kinds.append("newton")
         else:
             shortened = (new - x) @ gauss_newton / (gauss_newton @ gauss_newton)
-            np.testing.assert_allclose(new - x, shortened * gauss_newton, rtol=1e-9, atol=1e-9 * np.linalg.norm(x))
+            np.testing.assert_allclose(
+                new - x, shortened * gauss_newton, rtol=1e-9, atol=1e-9 * np.linalg.norm(x)
+            )
             halvings = -np.log2(shortened)
             assert abs(halvings - round(halvings)) < 1e-9
             kinds.append("gauss-newton" if round(halvings) == 0 else "halved")
@@ -252,14 +301,29 @@ def test_cofactor_is_gauss_newton_s_of_the_standardised_misclosures(name):
         z = np.append(-x, 1.0)
         return (z @ problem.rows) / np.sqrt(problem.cofactors.misclosure(z))
 
-    solution = least_squares(standardised, np.linalg.lstsq(A, y, rcond=None)[0], jac="cs", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    solution = least_squares(
+        standardised,
+        np.linalg.lstsq(A, y, rcond=None)[0],
+        jac="cs",
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+    )
     given = problem.cofactors
-    known = {"row_cofactors": given.Q} if name == "rows" else {"Q_0": given.C[:-1, :-1], "Q_X": given.g, "Q_y": given.h}
+    known = (
+        {"row_cofactors": given.Q}
+        if name == "rows"
+        else {"Q_0": given.C[:-1, :-1], "Q_X": given.g, "Q_y": given.h}
+    )
     estimate = analysis.wtls(A, y, **known)
     np.testing.assert_allclose(estimate.x, solution.x, rtol=1e-8)
-    np.testing.assert_allclose(estimate.cofactor, np.linalg.inv(solution.jac.T @ solution.jac), rtol=1e-6)
+    np.testing.assert_allclose(
+        estimate.cofactor, np.linalg.inv(solution.jac.T @ solution.jac), rtol=1e-6
+    )
     np.testing.assert_allclose(estimate.objective, 2 * solution.cost, rtol=1e-12)
-    np.testing.assert_allclose(estimate.covariance, 2 * solution.cost / 12 * estimate.cofactor, rtol=1e-12)
+    np.testing.assert_allclose(
+        estimate.covariance, 2 * solution.cost / 12 * estimate.cofactor, rtol=1e-12
+    )
 
 
 # ------------------------------------------------------------------------------ another library
@@ -283,7 +347,9 @@ def odrpack_of(A, y, Q_X, Q_y):
 
 
 def test_solution_and_cofactor_of_odrpack():
-    """ODRPACK's ``cov_beta`` is the cofactor; times ``res_var`` it is the covariance (its ``sd_beta`` squared)."""
+    """ODRPACK's ``cov_beta`` is the cofactor; times ``res_var`` it is the covariance (its
+    ``sd_beta`` squared).
+    """
     A, y, generator = some_problem(40, 3)
     Q_X, Q_y = generator.uniform(0.005, 0.02, (3, 40)), generator.uniform(0.005, 0.02, 40)
     rows = np.zeros((40, 4, 4))
@@ -299,13 +365,17 @@ def test_solution_and_cofactor_of_odrpack():
 
 
 def lines(n=15):
-    """Points of a line y = 1 − 2x, a covariance matrix (2n, 2n) of x and y, full, and its part within the points."""
+    """Points of a line y = 1 − 2x, a covariance matrix (2n, 2n) of x and y, full, and its part
+    within the points.
+    """
     generator = np.random.default_rng(12)
     full = covariances(generator, 1, 2 * n)[0]
     x, y = generator.uniform(-1, 1, n), np.empty(n)
     y = 1 - 2 * x
     errors = np.linalg.cholesky(full) @ generator.standard_normal(2 * n)
-    pairs = np.where(np.tile(np.eye(n, dtype=bool), (2, 2)), 3 * full + 0.02 * np.tile(np.eye(n), (2, 2)), 0.0)
+    pairs = np.where(
+        np.tile(np.eye(n, dtype=bool), (2, 2)), 3 * full + 0.02 * np.tile(np.eye(n), (2, 2)), 0.0
+    )
     return x + errors[:n], y + errors[n:], full, pairs
 
 
@@ -325,7 +395,9 @@ def line_by_scipy(x, y, covariance):
 @every_algorithm
 @pytest.mark.parametrize("kind", ["pairs", "full"])
 def test_line_with_correlated_coordinates(algorithm, kind):
-    """Correlated pairs (x_i, y_i) as cofactors of the rows, a full covariance matrix of x and y as blocks."""
+    """Correlated pairs (x_i, y_i) as cofactors of the rows, a full covariance matrix of x and y as
+    blocks.
+    """
     x, y, full, pairs = lines()
     n = len(x)
     covariance = {"pairs": pairs, "full": full}[kind]
@@ -359,7 +431,9 @@ def test_ls_is_numpy_s():
     np.testing.assert_allclose(estimate.x, x, rtol=1e-13)
     np.testing.assert_allclose(estimate.objective, residual[0], rtol=1e-13)
     np.testing.assert_allclose(estimate.cofactor, np.linalg.inv(A.T @ A), rtol=1e-12)
-    np.testing.assert_allclose(estimate.covariance, residual[0] / 12 * np.linalg.inv(A.T @ A), rtol=1e-12)
+    np.testing.assert_allclose(
+        estimate.covariance, residual[0] / 12 * np.linalg.inv(A.T @ A), rtol=1e-12
+    )
 
 
 def test_weights_of_ls_count_rows():
@@ -371,7 +445,9 @@ def test_weights_of_ls_count_rows():
     np.testing.assert_allclose(weighted.x, repeated.x, rtol=1e-13)
     np.testing.assert_allclose(weighted.cofactor, repeated.cofactor, rtol=1e-12)
     np.testing.assert_allclose(weighted.objective, repeated.objective, rtol=1e-12)
-    np.testing.assert_allclose(weighted.sigma_0**2 * 12, repeated.sigma_0**2 * (counts.sum() - 3), rtol=1e-12)
+    np.testing.assert_allclose(
+        weighted.sigma_0**2 * 12, repeated.sigma_0**2 * (counts.sum() - 3), rtol=1e-12
+    )
 
 
 def assert_same(one, other, tolerance=1e-12):
@@ -386,7 +462,10 @@ def test_exact_design_matrix_is_least_squares(algorithm):
     A, y, _ = some_problem()
     assert_same(analysis.wtls(A, y, algorithm=algorithm), analysis.ls(A, y))
     weights = np.arange(1.0, 16.0)
-    assert_same(analysis.wtls(A, y, Q_y=1 / weights, algorithm=algorithm), analysis.ls(A, y, weights=weights))
+    assert_same(
+        analysis.wtls(A, y, Q_y=1 / weights, algorithm=algorithm),
+        analysis.ls(A, y, weights=weights),
+    )
 
 
 @every_algorithm
@@ -400,11 +479,17 @@ def test_equal_errors_are_total_least_squares(algorithm):
 
 def noisier(seed, errors):
     A, y, generator = some_problem(seed=seed)
-    return A + errors * generator.standard_normal(A.shape), y + errors * generator.standard_normal(15), generator
+    return (
+        A + errors * generator.standard_normal(A.shape),
+        y + errors * generator.standard_normal(15),
+        generator,
+    )
 
 
 def test_slow_convergence_goes_on_to_the_end():
-    """With errors half as large as the columns a Schaffrin-Wieser step gains a third of a digit; a small one is not yet the last."""
+    """With errors half as large as the columns a Schaffrin-Wieser step gains a third of a digit; a
+    small one is not yet the last.
+    """
     A, y, generator = noisier(3, 0.5)
     Q = covariances(generator, 15, 4)
     slow = analysis.wtls(A, y, row_cofactors=Q, algorithm="schaffrin_wieser")
@@ -417,20 +502,30 @@ NOISY_A, NOISY_Y = (np.stack([noisier(seed, 1.0)[part] for seed in range(100)]) 
 
 @every_algorithm
 def test_only_minima_are_solutions(algorithm):
-    """With errors as large as the columns an iteration can end at a saddle or run away; TLS has the minimum in closed form."""
+    """With errors as large as the columns an iteration can end at a saddle or run away; TLS has the
+    minimum in closed form.
+    """
     best = analysis.tls(NOISY_A, NOISY_Y)
-    estimate = analysis.wtls(NOISY_A, NOISY_Y, Q_0=np.eye(3), Q_X=np.ones(15), algorithm=algorithm, max_iterations=200)
+    estimate = analysis.wtls(
+        NOISY_A, NOISY_Y, Q_0=np.eye(3), Q_X=np.ones(15), algorithm=algorithm, max_iterations=200
+    )
     done = estimate.converged
     np.testing.assert_allclose(estimate.objective[done], best.objective[done], rtol=1e-9)
-    assert done.any() and all(reason.startswith("not converged: ") for reason in estimate.stop_reason[~done])
+    assert done.any() and all(
+        reason.startswith("not converged: ") for reason in estimate.stop_reason[~done]
+    )
 
 
 def test_newton_finds_the_minimum_where_others_do_not():
     best = analysis.tls(NOISY_A, NOISY_Y)
     found = {}
     for algorithm in ("newton", "schaffrin_wieser"):
-        estimate = analysis.wtls(NOISY_A, NOISY_Y, Q_0=np.eye(3), Q_X=np.ones(15), algorithm=algorithm)
-        found[algorithm] = np.mean(np.abs(estimate.x - best.x).max(axis=-1) < 1e-8 * np.abs(best.x).max(axis=-1))
+        estimate = analysis.wtls(
+            NOISY_A, NOISY_Y, Q_0=np.eye(3), Q_X=np.ones(15), algorithm=algorithm
+        )
+        found[algorithm] = np.mean(
+            np.abs(estimate.x - best.x).max(axis=-1) < 1e-8 * np.abs(best.x).max(axis=-1)
+        )
     assert found["newton"] > 0.95 > 0.6 > found["schaffrin_wieser"]
 
 
@@ -450,7 +545,9 @@ def test_mixed_ls_tls_by_centring():
     A, y, _ = some_problem()
     centred = analysis.tls(A - A.mean(axis=0), y - y.mean())
     mixed = analysis.mixed_ls_tls(np.column_stack([A, np.ones(15)]), y, exact_columns=[-1])
-    np.testing.assert_allclose(mixed.x, np.append(centred.x, y.mean() - A.mean(axis=0) @ centred.x), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        mixed.x, np.append(centred.x, y.mean() - A.mean(axis=0) @ centred.x), rtol=0, atol=1e-13
+    )
 
 
 def test_extremes_of_mixed_ls_tls():
@@ -461,7 +558,9 @@ def test_extremes_of_mixed_ls_tls():
 
 @every_algorithm
 def test_an_exact_element_is_left_as_it_is(algorithm):
-    """Singular cofactors: with every error but y's of row 0 exact there, the estimate is as if only y had that error."""
+    """Singular cofactors: with every error but y's of row 0 exact there, the estimate is as if only
+    y had that error.
+    """
     A, y, generator = some_problem()
     Q = covariances(generator, 15, 4)
     Q[0] = 0.0
@@ -471,14 +570,18 @@ def test_an_exact_element_is_left_as_it_is(algorithm):
     assert abs(y[0] - A[0] @ estimate.x) < 1e-4  # nothing else there can move
     Q_y, Q_A, Q_Ay = dense_blocks(Q)
     assert np.linalg.matrix_rank(Q_A) < 45
-    np.testing.assert_allclose(estimate.x, analysis.wtls(A, y, Q_y=Q_y, Q_A=Q_A, Q_Ay=Q_Ay).x, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        estimate.x, analysis.wtls(A, y, Q_y=Q_y, Q_A=Q_A, Q_Ay=Q_Ay).x, rtol=0, atol=1e-8
+    )
 
 
 @every_algorithm
 def test_cofactors_matter_up_to_a_factor(algorithm):
     A, y, generator = some_problem()
     Q = covariances(generator, 15, 4)
-    one, ten = (analysis.wtls(A, y, row_cofactors=factor * Q, algorithm=algorithm) for factor in (1.0, 10.0))
+    one, ten = (
+        analysis.wtls(A, y, row_cofactors=factor * Q, algorithm=algorithm) for factor in (1.0, 10.0)
+    )
     np.testing.assert_allclose(ten.x, one.x, rtol=0, atol=1e-13)
     np.testing.assert_allclose(ten.cofactor, 10 * one.cofactor, rtol=1e-12)
     np.testing.assert_allclose(ten.covariance, one.covariance, rtol=1e-12)
@@ -488,7 +591,9 @@ def test_triangular_factor_does_not_square_the_condition():
     generator = np.random.default_rng(8)
     rows = generator.standard_normal((50, 3)) @ np.diag([1.0, 1e-6, 1e-12])
     factor = triangular_factor(rows[start : start + 2] for start in range(0, 50, 2))
-    np.testing.assert_allclose(np.abs(np.diag(factor)), np.abs(np.diag(np.linalg.qr(rows, mode="r"))), rtol=1e-10)
+    np.testing.assert_allclose(
+        np.abs(np.diag(factor)), np.abs(np.diag(np.linalg.qr(rows, mode="r"))), rtol=1e-10
+    )
     short = triangular_factor([rows[:2]])
     np.testing.assert_allclose(short.T @ short, rows[:2].T @ rows[:2], atol=1e-15)
 
@@ -519,12 +624,18 @@ SOLVERS = {
 def test_a_stack_is_its_problems_one_by_one(solver):
     A, y = stack_of_problems()
     together = solver(A, y)
-    assert together.x.shape == (2, 3, 3) and together.cofactor.shape == (2, 3, 3, 3) and together.sigma_0.shape == (2, 3)
+    assert (
+        together.x.shape == (2, 3, 3)
+        and together.cofactor.shape == (2, 3, 3, 3)
+        and together.sigma_0.shape == (2, 3)
+    )
     for index in np.ndindex(2, 3):
         apart = solver(A[index], y[index])
         assert apart.x.shape == (3,) and np.ndim(apart.sigma_0) == 0
         for name in ("x", "cofactor", "objective", "sigma_0"):
-            np.testing.assert_allclose(getattr(together, name)[index], getattr(apart, name), rtol=1e-9, err_msg=name)
+            np.testing.assert_allclose(
+                getattr(together, name)[index], getattr(apart, name), rtol=1e-9, err_msg=name
+            )
 
 
 def test_row_cofactors_of_a_stack():
@@ -532,7 +643,11 @@ def test_row_cofactors_of_a_stack():
     Q = covariances(np.random.default_rng(10), 6 * 15, 4).reshape(2, 3, 15, 4, 4)
     together = analysis.wtls(A, y, row_cofactors=Q)
     for index in np.ndindex(2, 3):
-        np.testing.assert_allclose(together.x[index], analysis.wtls(A[index], y[index], row_cofactors=Q[index]).x, rtol=1e-12)
+        np.testing.assert_allclose(
+            together.x[index],
+            analysis.wtls(A[index], y[index], row_cofactors=Q[index]).x,
+            rtol=1e-12,
+        )
 
 
 @every_algorithm
@@ -570,7 +685,8 @@ def test_inputs_stay_as_they_are():
         analysis.ls(A, y).x = 0
 
 
-# ------------------------------------------------------------------------------ what does not go well
+# ------------------------------------------------------------------------------ what does not go
+# well
 
 
 @every_algorithm
@@ -578,7 +694,9 @@ def test_not_converged(algorithm):
     A, y, _ = some_problem()
     estimate = analysis.wtls(A, y, row_cofactors=Q_ROWS, algorithm=algorithm, max_iterations=1)
     assert not estimate.converged and estimate.iterations == 1
-    assert estimate.stop_reason.startswith("not converged: ") and "1 iteration" in estimate.stop_reason
+    assert (
+        estimate.stop_reason.startswith("not converged: ") and "1 iteration" in estimate.stop_reason
+    )
     assert analysis.wtls(A, y, row_cofactors=Q_ROWS, algorithm=algorithm).converged
 
 
@@ -602,9 +720,17 @@ ONES = np.ones(15)
         (GOOD_A[:2], GOOD_Y[:2], r"A: expected shape \(…, n, m\) with n ≥ m ≥ 1, got \(2, 3\)"),
         (np.empty((15, 0)), GOOD_Y, r"A: expected shape .* got \(15, 0\)"),
         (GOOD_A, GOOD_Y[:-1], r"y: expected shape \(15,\) to go with A \(15, 3\), got \(14,\)"),
-        (GOOD_A, GOOD_Y[:, None], r"y: expected shape \(15,\) to go with A \(15, 3\), got \(15, 1\)"),
+        (
+            GOOD_A,
+            GOOD_Y[:, None],
+            r"y: expected shape \(15,\) to go with A \(15, 3\), got \(15, 1\)",
+        ),
         (GOOD_A, WITH_NAN, "y: expected finite numbers, got 1 NaN or infinite of 15"),
-        (np.where(GOOD_A > 2, np.inf, GOOD_A), GOOD_Y, "A: expected finite numbers, got . NaN or infinite of 45"),
+        (
+            np.where(GOOD_A > 2, np.inf, GOOD_A),
+            GOOD_Y,
+            "A: expected finite numbers, got . NaN or infinite of 45",
+        ),
         ([["one", "two"]], [1.0], "A: expected an array of real numbers"),
         (GOOD_A + 1j, GOOD_Y, "A: expected an array of real numbers, got dtype complex128"),
         (DEPENDENT, GOOD_Y, "A: expected independent columns, got a smallest singular value of"),
@@ -642,21 +768,45 @@ SKEW = np.eye(15) + np.triu(np.full((15, 15), 0.1), 1)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"algorithm": "simplex"}, "algorithm: expected one of newton, bfgs, dfp, schaffrin_wieser, .*; got 'simplex'"),
-        ({"accuracy": "sandwich"}, "accuracy: expected one of gauss_newton, inverse_hessian, propagated; got 'sandwich'"),
+        (
+            {"algorithm": "simplex"},
+            "algorithm: expected one of newton, bfgs, dfp, schaffrin_wieser, .*; got 'simplex'",
+        ),
+        (
+            {"accuracy": "sandwich"},
+            "accuracy: expected one of gauss_newton, inverse_hessian, propagated; got 'sandwich'",
+        ),
         ({"H_0": "zero"}, "H_0: expected one of gauss_newton, identity; got 'zero'"),
-        ({"H_0": "identity"}, "H_0: expected 'identity' with bfgs or dfp only, got it with 'newton'"),
+        (
+            {"H_0": "identity"},
+            "H_0: expected 'identity' with bfgs or dfp only, got it with 'newton'",
+        ),
         ({"max_iterations": 0}, "max_iterations: expected a positive whole number, got 0"),
         ({"tolerance": 0}, "tolerance: expected a positive finite number, got 0"),
-        ({"Q_0": np.eye(3), "Q_X": ONES, "Q_A": np.eye(45)}, "Q_A: expected either Q_A or Q_0 with Q_X, got both"),
+        (
+            {"Q_0": np.eye(3), "Q_X": ONES, "Q_A": np.eye(45)},
+            "Q_A: expected either Q_A or Q_0 with Q_X, got both",
+        ),
         ({"Q_0": np.eye(3)}, "Q_0 and Q_X: expected both or none, got one of them"),
         ({"Q_X": ONES}, "Q_0 and Q_X: expected both or none, got one of them"),
         ({"row_cofactors": Q_ROWS, "Q_y": ONES}, "row_cofactors: expected alone, got it together"),
-        ({"row_cofactors": Q_ROWS[:, :3, :3]}, r"row_cofactors: expected shape \(15, 4, 4\).* got \(15, 3, 3\)"),
-        ({"row_cofactors": Q_ROWS + np.triu(np.ones((4, 4)), 1)}, "row_cofactors: expected symmetric matrices, got a difference of 1 "),
+        (
+            {"row_cofactors": Q_ROWS[:, :3, :3]},
+            r"row_cofactors: expected shape \(15, 4, 4\).* got \(15, 3, 3\)",
+        ),
+        (
+            {"row_cofactors": Q_ROWS + np.triu(np.ones((4, 4)), 1)},
+            "row_cofactors: expected symmetric matrices, got a difference of 1 ",
+        ),
         ({"Q_0": np.eye(4), "Q_X": ONES}, r"Q_0: expected shape \(3, 3\), got \(4, 4\)"),
-        ({"Q_0": SKEW[:3, :3], "Q_X": ONES}, "Q_0: expected symmetric matrices, got a difference of 0.1 to the transpose"),
-        ({"Q_0": np.eye(3), "Q_X": np.ones(14)}, r"Q_X: expected shape \(15,\) or \(15, 15\), got \(14,\)"),
+        (
+            {"Q_0": SKEW[:3, :3], "Q_X": ONES},
+            "Q_0: expected symmetric matrices, got a difference of 0.1 to the transpose",
+        ),
+        (
+            {"Q_0": np.eye(3), "Q_X": np.ones(14)},
+            r"Q_X: expected shape \(15,\) or \(15, 15\), got \(14,\)",
+        ),
         ({"Q_0": np.eye(3), "Q_X": -ONES}, "Q_X: expected variances of at least 0, got -1"),
         ({"Q_y": -ONES}, "Q_y: expected variances of at least 0, got -1"),
         ({"Q_y": np.ones((15, 14))}, r"Q_y: expected shape \(15, 15\), got \(15, 14\)"),
@@ -691,11 +841,18 @@ def test_misclosures_that_are_one_are_refused():
     """Two rows with one and the same error: their difference is exact, and no x need meet it."""
     Q_y = np.eye(15)
     Q_y[0, 1] = Q_y[1, 0] = 1.0
-    with pytest.raises(ValueError, match="cofactors: expected misclosures with a positive definite correlation matrix, got a smallest"):
+    with pytest.raises(
+        ValueError,
+        match="cofactors: expected misclosures with a positive definite correlation matrix, got a smallest",
+    ):
         analysis.wtls(GOOD_A, GOOD_Y, Q_y=Q_y)
 
 
-@pytest.mark.parametrize("cofactors", [{"Q_y": np.zeros(15)}, {"row_cofactors": np.zeros((15, 4, 4))}], ids=["Q_y", "row_cofactors"])
+@pytest.mark.parametrize(
+    "cofactors",
+    [{"Q_y": np.zeros(15)}, {"row_cofactors": np.zeros((15, 4, 4))}],
+    ids=["Q_y", "row_cofactors"],
+)
 def test_rows_without_any_error_are_refused(cofactors):
     """No x satisfies 15 exact equations in 3 unknowns."""
     with pytest.raises(ValueError, match="cofactors: expected an error in every row"):

@@ -1,4 +1,6 @@
-"""The consistent methods `eiv` and `geometric`: what they minimise, against other solvers; what the cofactors of the points do."""
+"""The consistent methods `eiv` and `geometric`: what they minimise, against other solvers; what the
+cofactors of the points do.
+"""
 
 import warnings
 
@@ -21,7 +23,9 @@ SIGMA = 0.01
 def directions(count, rng, cap):
     """Unit vectors (…, 3) within ``cap`` degrees of the z axis."""
     z, angle = rng.uniform(np.cos(np.radians(cap)), 1.0, count), rng.uniform(0, 2 * np.pi, count)
-    return np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=-1)
+    return np.stack(
+        [np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=-1
+    )
 
 
 def some_covariances(count, rng):
@@ -49,14 +53,19 @@ def cloud(kind="none", sigma=SIGMA, seed=2):
 
 
 def fit(method="geometric", kind="none", points=None, **options):
-    return analysis.fit_sphere(cloud(kind) if points is None else points, method, cofactors=COFACTORS[kind], **options)
+    return analysis.fit_sphere(
+        cloud(kind) if points is None else points, method, cofactors=COFACTORS[kind], **options
+    )
 
 
-# ------------------------------------------------------------------------------ against other solvers
+# ------------------------------------------------------------------------------ against other
+# solvers
 
 
 def odrpack_of(points, start, Q, held):
-    """``|p − k| − r = 0`` by ODRPACK in implicit mode; its ``cov_beta`` times ``res_var`` is the covariance, ``sd_beta`` squared."""
+    """``|p − k| − r = 0`` by ODRPACK in implicit mode; its ``cov_beta`` times ``res_var`` is the
+    covariance, ``sd_beta`` squared.
+    """
 
     def normals(columns, x):
         D = columns - x[:3, None]
@@ -82,7 +91,9 @@ def odrpack_of(points, start, Q, held):
 @pytest.mark.parametrize("radius", [None, 1.0])
 def test_geometric_is_odrpack(kind, radius):
     ours = fit(kind=kind, radius=radius)
-    theirs = odrpack_of(cloud(kind), TRUTH + [0.01, 0.02, -0.01, 0.0], in_full(kind), radius is not None)
+    theirs = odrpack_of(
+        cloud(kind), TRUTH + [0.01, 0.02, -0.01, 0.0], in_full(kind), radius is not None
+    )
     np.testing.assert_allclose(ours.parameters, theirs.beta, rtol=1e-6)
     np.testing.assert_allclose(ours.standard_deviations, theirs.sd_beta, rtol=0.01)
     np.testing.assert_allclose(ours.sigma_0**2, theirs.res_var, rtol=0.01)
@@ -92,10 +103,17 @@ def least_squares_of(residuals, held):
     """Parameters (a, b, c, r) and their covariance by scipy, the radius free or left at TRUTH's."""
     count = 3 if held else 4
     solution = least_squares(
-        lambda x: residuals(np.append(x, TRUTH[count:])), TRUTH[:count], jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15
+        lambda x: residuals(np.append(x, TRUTH[count:])),
+        TRUTH[:count],
+        jac="3-point",
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
     )
     covariance = np.zeros((4, 4))
-    covariance[:count, :count] = 2 * solution.cost / (N - count) * np.linalg.inv(solution.jac.T @ solution.jac)
+    covariance[:count, :count] = (
+        2 * solution.cost / (N - count) * np.linalg.inv(solution.jac.T @ solution.jac)
+    )
     return np.append(solution.x, TRUTH[count:]), covariance
 
 
@@ -103,7 +121,9 @@ def least_squares_of(residuals, held):
 @pytest.mark.parametrize("kind", ["none", "variances"])
 def test_geometric_minimises_the_distances(kind, held):
     points, sd = cloud(kind), np.sqrt(in_full(kind)[:, 0, 0])
-    expected, covariance = least_squares_of(lambda x: (np.linalg.norm(points - x[:3], axis=1) - x[3]) / sd, held)
+    expected, covariance = least_squares_of(
+        lambda x: (np.linalg.norm(points - x[:3], axis=1) - x[3]) / sd, held
+    )
     ours = fit(kind=kind, radius=TRUTH[3] if held else None)
     np.testing.assert_allclose(ours.parameters, expected, rtol=1e-8)
     np.testing.assert_allclose(ours.covariance, covariance, rtol=1e-6, atol=1e-6 * covariance.max())
@@ -123,7 +143,11 @@ def test_eiv_minimises_the_standardised_misclosures(kind, held):
     ours = fit("eiv", kind, radius=TRUTH[3] if held else None)
     np.testing.assert_allclose(ours.parameters, expected, rtol=1e-8)
     np.testing.assert_allclose(ours.covariance, covariance, rtol=1e-5, atol=1e-5 * covariance.max())
-    np.testing.assert_allclose(ours.sigma_0, np.sqrt(np.sum(residuals(ours.parameters) ** 2) / (N - (3 if held else 4))), rtol=1e-10)
+    np.testing.assert_allclose(
+        ours.sigma_0,
+        np.sqrt(np.sum(residuals(ours.parameters) ** 2) / (N - (3 if held else 4))),
+        rtol=1e-10,
+    )
 
 
 def test_eiv_with_equal_cofactors_shrinks_each_distance():
@@ -142,7 +166,9 @@ def test_eiv_with_equal_cofactors_shrinks_each_distance():
 
 
 def test_eiv_and_geometric_differ_with_the_square_of_the_noise():
-    """Four times when σ doubles: both see the same errors, taken with either sign, so that odd powers of σ cancel."""
+    """Four times when σ doubles: both see the same errors, taken with either sign, so that odd
+    powers of σ cancel.
+    """
     rng = np.random.default_rng(3)
     points = 0.0725 * directions((300, 60), rng, 80.0)
     errors = rng.standard_normal(points.shape)
@@ -150,8 +176,11 @@ def test_eiv_and_geometric_differ_with_the_square_of_the_noise():
     differences = []
     for sigma in sigmas:
         both_signs = np.stack([points + sigma * errors, points - sigma * errors])
-        eiv, geometric = (analysis.fit_sphere(both_signs, method).parameters for method in ("eiv", "geometric"))
-        differences.append((eiv - geometric).mean(axis=(0, 1))[2:])  # along the axis of the cap, and the radius
+        eiv, geometric = (
+            analysis.fit_sphere(both_signs, method).parameters for method in ("eiv", "geometric")
+        )
+        # along the axis of the cap, and the radius
+        differences.append((eiv - geometric).mean(axis=(0, 1))[2:])
     ratios = np.array(differences[1:]) / differences[:-1]
     np.testing.assert_allclose(ratios, 4.0, rtol=0.02)
     # Their size in σ²/R: of order one.
@@ -159,7 +188,9 @@ def test_eiv_and_geometric_differ_with_the_square_of_the_noise():
 
 
 def mahalanobis_foot_step(points, Q, x):
-    """Gauss-Newton step of ``min Σ eᵀQ⁻¹e`` from x, the point of the sphere nearest to each p found by Newton in the multiplier."""
+    """Gauss-Newton step of ``min Σ eᵀQ⁻¹e`` from x, the point of the sphere nearest to each p found
+    by Newton in the multiplier.
+    """
     weight = np.linalg.inv(Q)
     values, vectors = np.linalg.eigh(weight)
     b = np.einsum("nji,nj->ni", vectors, np.einsum("nij,nj->ni", weight, points - x[:3]))
@@ -178,14 +209,20 @@ def mahalanobis_foot_step(points, Q, x):
 
 @pytest.mark.parametrize("sigma", [0.001, 0.01, 0.03])
 def test_geometric_with_full_cofactors_is_at_the_minimum(sigma):
-    """Each point's error runs to the nearest point of the sphere in the metric of its own covariance, found here in another way."""
+    """Each point's error runs to the nearest point of the sphere in the metric of its own
+    covariance, found here in another way.
+    """
     points = cloud("full", sigma)
     ours = fit(kind="full", points=points)
-    np.testing.assert_allclose(mahalanobis_foot_step(points, in_full("full"), ours.parameters), 0.0, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        mahalanobis_foot_step(points, in_full("full"), ours.parameters), 0.0, rtol=0, atol=1e-9
+    )
 
 
 def test_geometric_at_the_limb_of_a_scanned_sphere():
-    """Where the beam grazes the sphere its range error runs along the surface: 20 times the error across it."""
+    """Where the beam grazes the sphere its range error runs along the surface: 20 times the error
+    across it.
+    """
     rng = np.random.default_rng(4)
     center, radius, sigma_range, sigma_across = np.array([0.0, 0.0, -6.0]), 0.0725, 0.002, 0.0001
     points = center + radius * directions(500, rng, 86.0)
@@ -199,7 +236,8 @@ def test_geometric_at_the_limb_of_a_scanned_sphere():
     assert np.all(np.abs(step) < 1e-3 * ours.standard_deviations)
 
 
-# ------------------------------------------------------------------------------ what the cofactors do
+# ------------------------------------------------------------------------------ what the cofactors
+# do
 
 
 @every_consistent
@@ -210,7 +248,9 @@ def test_full_cofactors_variances_and_weights_say_the_same(method):
     for given in ({"weights": 1 / variances}, {"cofactors": variances[:, None, None] * np.eye(3)}):
         other = analysis.fit_sphere(points, method, **given)
         np.testing.assert_allclose(other.parameters, expected.parameters, rtol=1e-9)
-        np.testing.assert_allclose(other.covariance, expected.covariance, rtol=1e-6, atol=1e-9 * expected.covariance.max())
+        np.testing.assert_allclose(
+            other.covariance, expected.covariance, rtol=1e-6, atol=1e-9 * expected.covariance.max()
+        )
         np.testing.assert_allclose(other.weights, expected.weights, atol=1e-6)
 
 
@@ -239,10 +279,14 @@ def test_sigma_0_is_1_for_the_covariances_the_points_have(method):
 @pytest.mark.parametrize("kind", ["variances", "full"])
 def test_absolute_cofactors_leave_the_covariance_unscaled(method, kind):
     Q = SIGMA**2 * COFACTORS[kind]
-    relative, absolute = (analysis.fit_sphere(cloud(kind), method, cofactors=Q, absolute=on) for on in (False, True))
+    relative, absolute = (
+        analysis.fit_sphere(cloud(kind), method, cofactors=Q, absolute=on) for on in (False, True)
+    )
     np.testing.assert_array_equal(absolute.parameters, relative.parameters)
     np.testing.assert_array_equal(absolute.covariance, relative.cofactor)
-    np.testing.assert_allclose(relative.covariance, relative.sigma_0**2 * absolute.covariance, rtol=1e-12)
+    np.testing.assert_allclose(
+        relative.covariance, relative.sigma_0**2 * absolute.covariance, rtol=1e-12
+    )
 
 
 def test_absolute_needs_cofactors():
@@ -259,21 +303,28 @@ def test_a_held_radius_is_held_and_has_no_variance(method, kind):
     np.testing.assert_allclose(ours.covariance[3], 0.0, atol=1e-12 * size)
     np.testing.assert_allclose(ours.covariance[:, 3], 0.0, atol=1e-12 * size)
     assert np.all(np.linalg.eigvalsh(ours.covariance[:3, :3]) > 0)
-    # What is known need not be found: the centre is better known than with a free radius, along the axis of the cap above all.
+    # What is known need not be found: the centre is better known than with a free radius, along the
+    # axis of the cap above all.
     assert ours.cofactor[2, 2] < 0.2 * fit(method, kind).cofactor[2, 2]
 
 
-@pytest.mark.parametrize(("method", "part_of_sigma"), [("eiv", 1e-6), ("geometric", 1e-6), ("robust", 0.01)])
+@pytest.mark.parametrize(
+    ("method", "part_of_sigma"), [("eiv", 1e-6), ("geometric", 1e-6), ("robust", 0.01)]
+)
 @every_cofactor
 def test_the_radius_found_and_then_held_gives_the_same_centre(method, part_of_sigma, kind):
-    """But for the redundancies, which are larger by one parameter and decide about the weights of `robust`."""
+    """But for the redundancies, which are larger by one parameter and decide about the weights of
+    `robust`.
+    """
     free = fit(method, kind)
     held = fit(method, kind, radius=float(free.radius))
     np.testing.assert_allclose(held.center, free.center, rtol=0, atol=part_of_sigma * SIGMA)
 
 
 def test_a_held_radius_on_a_small_cap():
-    """Where the radius can hardly be found, holding it matters most; the points are good, so all methods agree to their noise."""
+    """Where the radius can hardly be found, holding it matters most; the points are good, so all
+    methods agree to their noise.
+    """
     rng = np.random.default_rng(10)
     points = 0.05 * directions((20, 200), rng, 20.0) + 0.0005 * rng.standard_normal((20, 200, 3))
     expected = analysis.fit_sphere(points, "geometric", radius=0.05)
@@ -300,32 +351,50 @@ def test_a_held_radius_leaves_three_points_of_four_to_three_parameters(method):
 def test_bias_correction_takes_sigma_squared_over_r_off_the_radius():
     plain, corrected = fit(), fit(bias_correction=True)
     np.testing.assert_array_equal(corrected.center, plain.center)
-    np.testing.assert_allclose(corrected.radius, plain.radius - plain.sigma_0**2 / plain.radius, rtol=1e-12)
+    np.testing.assert_allclose(
+        corrected.radius, plain.radius - plain.sigma_0**2 / plain.radius, rtol=1e-12
+    )
     np.testing.assert_array_equal(corrected.covariance, plain.covariance)
     distances = np.linalg.norm(cloud() - corrected.center, axis=1) - corrected.radius
     np.testing.assert_allclose(corrected.distances, distances, rtol=0, atol=1e-14)
 
 
 def test_bias_of_the_radius_is_what_is_taken_off():
-    """Points on a whole sphere with 5 % noise: the fit of distances is 0.25 % too large, and corrected it is not."""
+    """Points on a whole sphere with 5 % noise: the fit of distances is 0.25 % too large, and
+    corrected it is not.
+    """
     rng = np.random.default_rng(5)
     points = directions((400, 200), rng, 180.0) + 0.05 * rng.standard_normal((400, 200, 3))
-    plain, corrected = (analysis.fit_sphere(points, "geometric", bias_correction=on).radius for on in (False, True))
+    plain, corrected = (
+        analysis.fit_sphere(points, "geometric", bias_correction=on).radius for on in (False, True)
+    )
     error = plain.std() / np.sqrt(len(plain))
     assert plain.mean() - 1 == pytest.approx(0.05**2, abs=3 * error)
     assert corrected.mean() == pytest.approx(1.0, abs=3 * error)
 
 
-@pytest.mark.parametrize("given", [{"weights": np.ones(N)}, {"cofactors": np.ones(N)}, {"cofactors": in_full("full")}, {"radius": 1.0}])
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"weights": np.ones(N)},
+        {"cofactors": np.ones(N)},
+        {"cofactors": in_full("full")},
+        {"radius": 1.0},
+    ],
+)
 def test_bias_correction_is_for_equal_cofactors_and_a_free_radius(given):
-    with pytest.raises(ValueError, match="bias_correction: expected equally precise points and a free radius"):
+    with pytest.raises(
+        ValueError, match="bias_correction: expected equally precise points and a free radius"
+    ):
         analysis.fit_sphere(cloud(), "geometric", bias_correction=True, **given)
 
 
 def test_bias_along_the_line_of_sight():
-    """R = 72.5 mm, 60 points within 80° of the scanner: LS comes out towards it, the consistent methods do not.
+    """R = 72.5 mm, 60 points within 80° of the scanner: LS comes out towards it, the consistent
+    methods do not.
 
-    Errors of either sign: what is linear in them cancels, so that a few hundred clouds show the bias.
+    Errors of either sign: what is linear in them cancels, so that a few hundred clouds show the
+    bias.
     """
     rng = np.random.default_rng(6)
     points = 0.0725 * directions((200, 60), rng, 80.0)
@@ -336,17 +405,21 @@ def test_bias_along_the_line_of_sight():
             towards = 1e3 * analysis.fit_sphere(noisy, method).center[:, 2]
             assert abs(towards.mean()) < limit, (method, sigma)
         if sigma == 0.002:
-            assert 1e3 * analysis.fit_sphere(noisy, "ls").center[:, 2].mean() == pytest.approx(0.57, abs=0.02)
+            assert 1e3 * analysis.fit_sphere(noisy, "ls").center[:, 2].mean() == pytest.approx(
+                0.57, abs=0.02
+            )
 
 
-# ------------------------------------------------------------------------------ the frame does not matter
+# ------------------------------------------------------------------------------ the frame does not
+# matter
 
 ROTATION = np.linalg.qr(np.random.default_rng(7).standard_normal((3, 3)))[0]
 SHIFT = np.array([30.0, -20.0, 10.0])
 FACTOR = 3.7
 ORDER = np.random.default_rng(8).permutation(N)
 
-# What each motion does to the points (n, 3), and its matrix on (a, b, c, r) and on a point; then what it adds.
+# What each motion does to the points (n, 3), and its matrix on (a, b, c, r) and on a point; then
+# what it adds.
 MOTIONS = {
     "translation": (np.eye(3), 1.0, SHIFT),
     "rotation": (ROTATION, 1.0, np.zeros(3)),
@@ -367,7 +440,9 @@ def test_moved_points_and_cofactors_give_the_moved_sphere_and_covariance(method,
     T = scale * np.block([[R, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
     expected = T @ before.parameters + np.append(shift, 0.0)
     covariance = T @ before.covariance @ T.T
-    np.testing.assert_allclose(after.parameters, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        after.parameters, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
     np.testing.assert_allclose(after.covariance, covariance, rtol=0, atol=1e-6 * covariance.max())
     np.testing.assert_allclose(after.weights, before.weights, atol=1e-6)
 
@@ -377,7 +452,9 @@ def test_moved_points_and_cofactors_give_the_moved_sphere_and_covariance(method,
 def test_order_of_the_points_does_not_matter(method, kind):
     before = fit(method, kind)
     Q = COFACTORS[kind]
-    after = analysis.fit_sphere(cloud(kind)[ORDER], method, cofactors=None if Q is None else Q[ORDER])
+    after = analysis.fit_sphere(
+        cloud(kind)[ORDER], method, cofactors=None if Q is None else Q[ORDER]
+    )
     np.testing.assert_allclose(after.parameters, before.parameters, rtol=1e-9)
     np.testing.assert_allclose(after.weights, before.weights[ORDER], atol=1e-6)
 
@@ -385,17 +462,24 @@ def test_order_of_the_points_does_not_matter(method, kind):
 @every_consistent
 @pytest.mark.parametrize("radius", [None, 0.05])
 def test_a_small_sphere_at_large_coordinates(method, radius):
-    """50 mm on a national grid: the points rounded to their last digits there, the answer moved by whole metres to 1 µm."""
+    """50 mm on a national grid: the points rounded to their last digits there, the answer moved by
+    whole metres to 1 µm.
+    """
     rng = np.random.default_rng(9)
     shift = np.array([5e5, 4e6, 100.0])
     near = 0.05 * directions(300, rng, 80.0) + 0.0005 * rng.standard_normal((300, 3))
     far = analysis.fit_sphere(near + shift, method, radius=radius)
     expected = analysis.fit_sphere(near, method, radius=radius)
-    np.testing.assert_allclose(far.parameters - np.append(shift, 0.0), expected.parameters, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(far.covariance, expected.covariance, rtol=1e-4, atol=1e-4 * expected.covariance.max())
+    np.testing.assert_allclose(
+        far.parameters - np.append(shift, 0.0), expected.parameters, rtol=0, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        far.covariance, expected.covariance, rtol=1e-4, atol=1e-4 * expected.covariance.max()
+    )
 
 
-# ------------------------------------------------------------------------------ stacks, and what does not converge
+# ------------------------------------------------------------------------------ stacks, and what
+# does not converge
 
 
 @every_consistent
@@ -411,14 +495,21 @@ def test_a_stack_with_cofactors_is_its_clouds_one_by_one(method, kind, radius):
             its_own = given[index] if given is not None and given is Q else given
             apart = analysis.fit_sphere(points[index], method, cofactors=its_own, radius=radius)
             np.testing.assert_allclose(together.parameters[index], apart.parameters, rtol=1e-9)
-            np.testing.assert_allclose(together.covariance[index], apart.covariance, rtol=1e-9, atol=1e-9 * apart.covariance.max())
+            np.testing.assert_allclose(
+                together.covariance[index],
+                apart.covariance,
+                rtol=1e-9,
+                atol=1e-9 * apart.covariance.max(),
+            )
             np.testing.assert_allclose(together.weights[index], apart.weights, rtol=0, atol=1e-9)
 
 
 @every_consistent
 @pytest.mark.parametrize("radius", [None, 1.0])
 def test_running_out_of_iterations(method, radius):
-    with pytest.warns(ConvergenceWarning, match=f"^{method}: not converged: still moving after 1 iterations"):
+    with pytest.warns(
+        ConvergenceWarning, match=f"^{method}: not converged: still moving after 1 iterations"
+    ):
         ours = fit(method, radius=radius, max_iterations=1)
     assert not ours.converged and ours.iterations == 1
     assert np.all(np.isfinite(ours.parameters)) and np.all(np.isfinite(ours.covariance))
@@ -428,7 +519,12 @@ def test_running_out_of_iterations(method, radius):
 @pytest.mark.parametrize("kind", ["variances", "full"])
 @pytest.mark.parametrize("n", [4, 5])
 def test_exact_points_give_the_sphere(method, kind, n):
-    points = TRUTH[:3] + np.vstack([np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3), [0, 0, 1]])[:n]
+    points = (
+        TRUTH[:3]
+        + np.vstack(
+            [np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3), [0, 0, 1]]
+        )[:n]
+    )
     ours = analysis.fit_sphere(points, method, cofactors=COFACTORS[kind][:n])
     np.testing.assert_allclose(ours.parameters, TRUTH, rtol=0, atol=1e-12)
     assert ours.converged
@@ -449,13 +545,25 @@ def with_block(block):
 @pytest.mark.parametrize(
     ("cofactors", "message"),
     [
-        (in_full("full")[1:], r"cofactors: expected shape \(80, 3, 3\) or|cofactors: expected shape \(80,\) or \(80,\), got \(79, 3, 3\)"),
+        (
+            in_full("full")[1:],
+            r"cofactors: expected shape \(80, 3, 3\) or|cofactors: expected shape \(80,\) or \(80,\), got \(79, 3, 3\)",
+        ),
         (np.ones((N, 3)), r"cofactors: expected shape \(80,\) .*got \(80, 3\)"),
         (np.ones((N, 2, 2)), r"cofactors: expected shape .*got \(80, 2, 2\)"),
-        (np.stack([in_full("full")] * 2), r"cofactors: expected shape \(80, 3, 3\) .*got \(2, 80, 3, 3\)"),
+        (
+            np.stack([in_full("full")] * 2),
+            r"cofactors: expected shape \(80, 3, 3\) .*got \(2, 80, 3, 3\)",
+        ),
         (with_block(np.triu(np.ones((3, 3)))), "cofactors: expected symmetric matrices"),
-        (with_block(np.diag([1.0, 1.0, 0.0])), "cofactors: expected positive definite matrices, got a smallest eigenvalue of"),
-        (with_block(np.diag([1.0, 1.0, -2.0])), "cofactors: expected positive definite matrices, got a smallest eigenvalue of -2"),
+        (
+            with_block(np.diag([1.0, 1.0, 0.0])),
+            "cofactors: expected positive definite matrices, got a smallest eigenvalue of",
+        ),
+        (
+            with_block(np.diag([1.0, 1.0, -2.0])),
+            "cofactors: expected positive definite matrices, got a smallest eigenvalue of -2",
+        ),
         (with_block(np.nan), "cofactors: expected finite numbers, got 9 NaN or infinite"),
     ],
     ids=["n", "n x 3", "n x 2 x 2", "stack", "asymmetric", "singular", "indefinite", "nan"],
@@ -472,9 +580,15 @@ def test_weights_beside_full_cofactors_are_refused(method):
 
 
 @pytest.mark.parametrize("method", sorted(set(analysis.SPHERE_METHODS) - set(CONSISTENT)))
-@pytest.mark.parametrize(("given", "what"), [({"radius": 1.0}, "a held radius"), ({"cofactors": in_full("full")}, "full cofactors")])
+@pytest.mark.parametrize(
+    ("given", "what"),
+    [({"radius": 1.0}, "a held radius"), ({"cofactors": in_full("full")}, "full cofactors")],
+)
 def test_a_printed_method_names_those_that_can(method, given, what):
-    with pytest.raises(ValueError, match=f"method: expected one of eiv, geometric, robust with {what}, got '{method}'"):
+    with pytest.raises(
+        ValueError,
+        match=f"method: expected one of eiv, geometric, robust with {what}, got '{method}'",
+    ):
         analysis.fit_sphere(cloud(), method, **given)
 
 

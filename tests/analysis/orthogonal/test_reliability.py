@@ -5,7 +5,13 @@ import pytest
 from scipy.stats import norm
 
 import analysis
-from analysis.orthogonal.reliability import CORRECTIONS, Reliability, data_snooping, noncentrality, reliability
+from analysis.orthogonal.reliability import (
+    CORRECTIONS,
+    Reliability,
+    data_snooping,
+    noncentrality,
+    reliability,
+)
 
 TRUTH = np.array([0.3, -0.2, 6.0, 0.5])
 SIGMA = 0.001
@@ -16,7 +22,9 @@ def cloud(*shape, seed=1, sigma=SIGMA):
     """Points (*shape, 3) within 80° of the top of the sphere TRUTH."""
     rng = np.random.default_rng(seed)
     z, angle = rng.uniform(np.cos(np.radians(80.0)), 1.0, shape), rng.uniform(0, 2 * np.pi, shape)
-    radial = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=-1)
+    radial = np.stack(
+        [np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=-1
+    )
     return TRUTH[:3] + TRUTH[3] * radial + sigma * rng.standard_normal((*shape, 3))
 
 
@@ -47,7 +55,9 @@ GIVEN = {
 @pytest.mark.parametrize("given", GIVEN)
 def test_redundancy_sums_to_n_less_t(method, radius, given):
     points = outwards(cloud(N), 3, 0.02)
-    found = reliability(analysis.fit_sphere(points, method, radius=radius, **GIVEN[given]), points, **GIVEN[given])
+    found = reliability(
+        analysis.fit_sphere(points, method, radius=radius, **GIVEN[given]), points, **GIVEN[given]
+    )
     assert found.redundancy.sum() == pytest.approx(N - (4 if radius is None else 3), abs=1e-9)
     assert np.all((found.redundancy > 0) & (found.redundancy <= 1))
     if radius is not None:
@@ -56,9 +66,16 @@ def test_redundancy_sums_to_n_less_t(method, radius, given):
 
 @pytest.mark.parametrize("method", ["geometric", "robust"])
 def test_dense_algebra(method):
-    """Residuals ``(I − J N⁻¹ Jᵀ W) d`` of errors with covariance σ² diag(v), spelled out as matrices."""
+    """Residuals ``(I − J N⁻¹ Jᵀ W) d`` of errors with covariance σ² diag(v), spelled out as
+    matrices.
+    """
     points, variances = outwards(cloud(N), 3, 0.02), GIVEN["variances"]["cofactors"]
-    fit = analysis.fit_sphere(points, method, cofactors=variances, **({"k0": 1.0, "k1": 4.0} if method == "robust" else {}))
+    fit = analysis.fit_sphere(
+        points,
+        method,
+        cofactors=variances,
+        **({"k0": 1.0, "k1": 4.0} if method == "robust" else {}),
+    )
     found = reliability(fit, points, cofactors=variances)
     D = points - fit.center
     J = np.column_stack([-D / np.linalg.norm(D, axis=1)[:, None], -np.ones(N)])
@@ -67,16 +84,28 @@ def test_dense_algebra(method):
     R = np.eye(N) - J @ estimator
     residual_variance = fit.sigma_0**2 * np.diagonal(R @ np.diag(variances) @ R.T)
     np.testing.assert_allclose(found.redundancy, np.diagonal(R), rtol=1e-9)
-    np.testing.assert_allclose(found.standardised, fit.distances / np.sqrt(residual_variance), rtol=1e-8, atol=1e-9)
-    np.testing.assert_allclose(found.minimal_bias, noncentrality() * np.sqrt(residual_variance) / np.diagonal(R), rtol=1e-8)
-    np.testing.assert_allclose(found.external, -(estimator * found.minimal_bias).T, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        found.standardised, fit.distances / np.sqrt(residual_variance), rtol=1e-8, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        found.minimal_bias, noncentrality() * np.sqrt(residual_variance) / np.diagonal(R), rtol=1e-8
+    )
+    np.testing.assert_allclose(
+        found.external, -(estimator * found.minimal_bias).T, rtol=1e-7, atol=1e-12
+    )
     if method == "geometric":  # Baarda's formulas
-        np.testing.assert_allclose(found.minimal_bias, 4.132 * fit.sigma_0 * np.sqrt(variances / found.redundancy), rtol=1e-4)
+        np.testing.assert_allclose(
+            found.minimal_bias,
+            4.132 * fit.sigma_0 * np.sqrt(variances / found.redundancy),
+            rtol=1e-4,
+        )
 
 
 @pytest.mark.parametrize("row", [0, 7, 23])
 def test_a_minimal_bias_does_what_is_said_of_it(row):
-    """Put into exact points: the standardised residual becomes δ0, and the parameters move by the external reliability."""
+    """Put into exact points: the standardised residual becomes δ0, and the parameters move by the
+    external reliability.
+    """
     points = cloud(N, sigma=0.0)
     said = reliability(geometric(points), points, sigma=SIGMA)
     spoilt = outwards(points, row, said.minimal_bias[row])
@@ -84,7 +113,12 @@ def test_a_minimal_bias_does_what_is_said_of_it(row):
     found = reliability(fit, spoilt, sigma=SIGMA)
     assert found.standardised[row] == pytest.approx(noncentrality(), rel=0.01)
     assert np.argmax(np.abs(found.standardised)) == row
-    np.testing.assert_allclose(fit.parameters - TRUTH, said.external[row], rtol=0, atol=0.02 * np.abs(said.external[row]).max())
+    np.testing.assert_allclose(
+        fit.parameters - TRUTH,
+        said.external[row],
+        rtol=0,
+        atol=0.02 * np.abs(said.external[row]).max(),
+    )
 
 
 @pytest.mark.parametrize("power", [0.5, 0.8, 0.95])
@@ -94,7 +128,9 @@ def test_a_minimal_bias_is_found_with_the_stated_power(power):
     minimal = reliability(geometric(points), points, sigma=SIGMA, power=power).minimal_bias[:, row]
     spoilt = outwards(points, row, minimal)
     tested = reliability(geometric(spoilt), spoilt, sigma=SIGMA)
-    assert np.mean(tested.p_values[:, row] <= 0.001) == pytest.approx(power, abs=3 * np.sqrt(power * (1 - power) / 3000))
+    assert np.mean(tested.p_values[:, row] <= 0.001) == pytest.approx(
+        power, abs=3 * np.sqrt(power * (1 - power) / 3000)
+    )
 
 
 @pytest.mark.parametrize("sigma", [None, SIGMA])
@@ -104,7 +140,8 @@ def test_good_points_fail_as_often_as_the_level_says(sigma, n):
     points = cloud(4000, n, seed=4)
     p = reliability(geometric(points), points, sigma=sigma).p_values
     for level in (0.5, 0.05, 0.01):
-        # Residuals of one cloud are correlated, so count clouds, not points, for the error of the mean.
+        # Residuals of one cloud are correlated, so count clouds, not points, for the error of the
+        # mean.
         shares = np.mean(p <= level, axis=1)
         assert shares.mean() == pytest.approx(level, abs=4 * shares.std() / np.sqrt(4000))
 
@@ -112,13 +149,20 @@ def test_good_points_fail_as_often_as_the_level_says(sigma, n):
 def test_absolute_cofactors_know_sigma():
     points, variances = cloud(N), np.full(N, SIGMA**2)
     fit = analysis.fit_sphere(points, "geometric", cofactors=variances, absolute=True)
-    found, expected = reliability(fit, points, cofactors=variances), reliability(geometric(points), points, sigma=SIGMA)
+    found, expected = (
+        reliability(fit, points, cofactors=variances),
+        reliability(geometric(points), points, sigma=SIGMA),
+    )
     for name in ("standardised", "p_values", "minimal_bias", "external"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(expected, name), rtol=1e-7, atol=1e-12
+        )
 
 
 def test_a_rejected_point_is_tested_as_a_prediction():
-    """It has no part in the fit: redundancy 1, no external effect, and a residual with the variance σ²(1 + g)."""
+    """It has no part in the fit: redundancy 1, no external effect, and a residual with the variance
+    σ²(1 + g).
+    """
     points = outwards(cloud(N), 3, 0.05)
     fit = analysis.fit_sphere(points)
     assert not fit.inliers[3]
@@ -130,12 +174,16 @@ def test_a_rejected_point_is_tested_as_a_prediction():
 
 
 def test_corrections_for_the_number_of_tests():
-    """Without one, alpha·n good points fail; Bonferroni lets any fail in alpha of the clouds; with FDR alpha of the failed are good."""
+    """Without one, alpha·n good points fail; Bonferroni lets any fail in alpha of the clouds; with
+    FDR alpha of the failed are good.
+    """
     points = cloud(500, 100, seed=5)
     p = reliability(geometric(points), points, sigma=SIGMA)
     assert p.suspects(0.05, "none").sum(axis=1).mean() == pytest.approx(5.0, abs=0.3)
     three_sigma = 3 * np.sqrt(0.05 * 0.95 / 500)
-    assert np.mean(p.suspects(0.05, "bonferroni").any(axis=1)) == pytest.approx(0.05, abs=three_sigma)
+    assert np.mean(p.suspects(0.05, "bonferroni").any(axis=1)) == pytest.approx(
+        0.05, abs=three_sigma
+    )
     spoilt = points.copy()
     for row in range(10):
         spoilt = outwards(spoilt, row, np.full(500, 0.010))
@@ -162,18 +210,25 @@ def test_a_stack_is_its_fits_one_by_one():
         apart = analysis.fit_sphere(points[index], **GIVEN["weights"])
         apart = reliability(apart, points[index], **GIVEN["weights"])
         for name in ("redundancy", "standardised", "p_values", "minimal_bias", "external"):
-            np.testing.assert_allclose(getattr(together, name)[index], getattr(apart, name), rtol=1e-6, atol=1e-9)
+            np.testing.assert_allclose(
+                getattr(together, name)[index], getattr(apart, name), rtol=1e-6, atol=1e-9
+            )
 
 
 def test_the_place_does_not_matter():
     points, shift = np.round(cloud(N), 6), np.array([5e5, 4e6, 100.0])
-    near, far = reliability(geometric(points), points), reliability(geometric(points + shift), points + shift)
+    near, far = (
+        reliability(geometric(points), points),
+        reliability(geometric(points + shift), points + shift),
+    )
     np.testing.assert_allclose(far.standardised, near.standardised, rtol=0, atol=1e-4)
     np.testing.assert_allclose(far.minimal_bias, near.minimal_bias, rtol=1e-4)
 
 
 def test_a_million_points():
-    """A thousand errors of 10 σ among them are found, all tests together; in blocks, so that little memory is needed."""
+    """A thousand errors of 10 σ among them are found, all tests together; in blocks, so that little
+    memory is needed.
+    """
     points = cloud(1_000_000, seed=7)
     for_all = np.zeros(1_000_000)
     for_all[:1000] = 10 * SIGMA
@@ -232,21 +287,29 @@ def test_bad_options_are_refused(options, message):
 
 
 def test_points_of_another_fit_are_refused():
-    with pytest.raises(ValueError, match=r"points: expected at least 40 points for this fit, got 30"):
+    with pytest.raises(
+        ValueError, match=r"points: expected at least 40 points for this fit, got 30"
+    ):
         reliability(geometric(cloud(N)), cloud(30))
-    with pytest.raises(ValueError, match=r"points: expected those of the fit, of shape \(40, 3\), got \(50, 3\)"):
+    with pytest.raises(
+        ValueError, match=r"points: expected those of the fit, of shape \(40, 3\), got \(50, 3\)"
+    ):
         reliability(geometric(cloud(N)), cloud(50))
 
 
 @pytest.mark.parametrize("method", ["ls", "wtls", "igg3_wtls"])
 def test_a_method_with_other_residuals_is_refused(method):
     points = cloud(N)
-    with pytest.raises(ValueError, match=f"method of the fit: expected one of eiv, geometric, robust; got '{method}'"):
+    with pytest.raises(
+        ValueError,
+        match=f"method of the fit: expected one of eiv, geometric, robust; got '{method}'",
+    ):
         reliability(analysis.fit_sphere(points, method), points)
 
 
 @pytest.mark.parametrize(
-    ("alpha", "correction", "message"), [(2.0, "fdr", "alpha: expected a probability"), (0.05, "holm", ", ".join(CORRECTIONS))]
+    ("alpha", "correction", "message"),
+    [(2.0, "fdr", "alpha: expected a probability"), (0.05, "holm", ", ".join(CORRECTIONS))],
 )
 def test_bad_corrections_are_refused(alpha, correction, message):
     points = cloud(N)

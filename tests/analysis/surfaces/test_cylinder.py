@@ -1,4 +1,6 @@
-"""Elliptic cylinders: exact points, motions, the circular limit, derivatives, covariance, gross errors, bad input."""
+"""Elliptic cylinders: exact points, motions, the circular limit, derivatives, covariance, gross
+errors, bad input.
+"""
 
 import numpy as np
 import pytest
@@ -19,23 +21,31 @@ def rotation(seed):
 
 
 def surface(n=300, a=2.75, b=2.65, angle=0.4, length=3.0, seed=0, arc=(-np.pi, np.pi), noise=0.0):
-    """Points (n, 3) around the y axis; the major axis lies ``angle`` from right (x) towards up (z), the noise along the normals."""
+    """Points (n, 3) around the y axis; the major axis lies ``angle`` from right (x) towards up (z),
+    the noise along the normals.
+    """
     generator = np.random.default_rng(seed)
     t, w = generator.uniform(*arc, n), generator.uniform(-0.5, 0.5, n) * length
     normal = np.stack([b * np.cos(t), a * np.sin(t)]) / np.hypot(b * np.cos(t), a * np.sin(t))
-    first, second = np.stack([a * np.cos(t), b * np.sin(t)]) + noise * generator.standard_normal(n) * normal
+    first, second = (
+        np.stack([a * np.cos(t), b * np.sin(t)]) + noise * generator.standard_normal(n) * normal
+    )
     c, s = np.cos(angle), np.sin(angle)
     return np.column_stack([c * first - s * second, w, s * first + c * second])
 
 
 def tunnel_with_furniture(n, share, bed, seed, length=3.0, noise=0.003):
-    """A tunnel seen over 270° of which ``bed`` is a track bed and ``share`` a cabinet 15 cm off the wall."""
+    """A tunnel seen over 270° of which ``bed`` is a track bed and ``share`` a cabinet 15 cm off the
+    wall.
+    """
     generator = np.random.default_rng(seed)
     m, k = int(share * n), int(bed * n)
     wall = surface(n - m - k, 2.75, 2.70, 0.1, length, seed, (-0.25 * np.pi, 1.25 * np.pi), noise)
     cabinet = surface(m, 2.60, 2.55, 0.1, length, seed + 1, (0.1, 0.4), 0.02)
     u, w = generator.uniform(-1.9, 1.9, k), generator.uniform(-0.5, 0.5, k) * length
-    return np.concatenate([wall, cabinet, np.column_stack([u, w, -1.95 + 0.01 * generator.standard_normal(k)])])
+    return np.concatenate(
+        [wall, cabinet, np.column_stack([u, w, -1.95 + 0.01 * generator.standard_normal(k)])]
+    )
 
 
 # ------------------------------------------------------------------------------ exact data
@@ -65,7 +75,9 @@ def test_exact_points_give_the_cylinder_in_any_orientation(method, a, b, length,
 def test_the_section_axes_are_right_and_up():
     t = rotation(3)
     axes = section_axes(t)
-    np.testing.assert_allclose(axes @ axes.swapaxes(-1, -2), np.broadcast_to(np.eye(2), (3, 2, 2)), atol=1e-15)
+    np.testing.assert_allclose(
+        axes @ axes.swapaxes(-1, -2), np.broadcast_to(np.eye(2), (3, 2, 2)), atol=1e-15
+    )
     np.testing.assert_allclose(np.einsum("kij,kj->ki", axes, t), 0, atol=1e-15)
     np.testing.assert_allclose(axes[:, 0, 2], 0, atol=1e-15)
     assert (axes[:, 1, 2] > 0).all()
@@ -103,10 +115,15 @@ def test_motion_scale_and_order_of_the_points(method):
 def test_a_stack_is_its_clouds():
     stack = np.stack([tunnel_with_furniture(300, 0.1, 0.1, seed) for seed in range(3)])
     fit = analysis.fit_elliptic_cylinder(stack)
-    assert fit.direction.shape == (3, 3) and fit.semi_axes.shape == (3, 2) and fit.regular_cofactor.shape == (3, 7, 7)
+    assert (
+        fit.direction.shape == (3, 3)
+        and fit.semi_axes.shape == (3, 2)
+        and fit.regular_cofactor.shape == (3, 7, 7)
+    )
     for k in range(3):
         alone = analysis.fit_elliptic_cylinder(stack[k])
-        np.testing.assert_allclose(fit.parameters[k], alone.parameters, rtol=1e-10, atol=1e-13)  # a product sums in an order of its own
+        # a product sums in an order of its own
+        np.testing.assert_allclose(fit.parameters[k], alone.parameters, rtol=1e-10, atol=1e-13)
         np.testing.assert_allclose(fit.covariance[k], alone.covariance, rtol=1e-9, atol=1e-18)
 
 
@@ -117,7 +134,8 @@ def test_a_given_axis_leads_to_the_same_cylinder():
     np.testing.assert_allclose(led.parameters, free.parameters, atol=1e-8)
 
 
-# ------------------------------------------------------------------------------ other implementations
+# ------------------------------------------------------------------------------ other
+# implementations
 
 
 @every_method
@@ -135,11 +153,19 @@ def test_the_normal_equations_are_those_of_an_independent_minimisation(method):
         D = points - [kx, 0.0, kz]
         u, v = D @ right, D @ up
         first, second = np.cos(angle) * u + np.sin(angle) * v, np.cos(angle) * v - np.sin(angle) * u
-        nearest = turn[np.argmin((first[:, None] - a * np.cos(turn)) ** 2 + (second[:, None] - b * np.sin(turn)) ** 2, axis=1)]
+        nearest = turn[
+            np.argmin(
+                (first[:, None] - a * np.cos(turn)) ** 2
+                + (second[:, None] - b * np.sin(turn)) ** 2,
+                axis=1,
+            )
+        ]
         for _ in range(20):
             c, s = np.cos(nearest), np.sin(nearest)
             slope = (first - a * c) * a * s - (second - b * s) * b * c
-            nearest = nearest - slope / ((a * s) ** 2 + (b * c) ** 2 + (first - a * c) * a * c + (second - b * s) * b * s)
+            nearest = nearest - slope / (
+                (a * s) ** 2 + (b * c) ** 2 + (first - a * c) * a * c + (second - b * s) * b * s
+            )
         c, s = np.cos(nearest), np.sin(nearest)
         return ((first - a * c) * b * c + (second - b * s) * a * s) / np.hypot(b * c, a * s)
 
@@ -148,7 +174,9 @@ def test_the_normal_equations_are_those_of_an_independent_minimisation(method):
     ours = np.array([at_x[0], at_x[2], *slopes, *fit.semi_axes, fit.angle])
     np.testing.assert_allclose(distances(ours), fit.distances, atol=1e-10)
     start = ours + [0.01, -0.01, 0.002, 0.001, 0.01, -0.01, 0.05]
-    found = least_squares(lambda x: weights * distances(x), start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    found = least_squares(
+        lambda x: weights * distances(x), start, xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
     np.testing.assert_allclose(found.x, ours, atol=2e-7)
 
 
@@ -158,7 +186,9 @@ def test_derivatives_are_those_of_the_distances():
     points = points @ rotation(1).T
     _, J = CylinderModel().linearised(x, points)
     for k, step in enumerate(1e-6 * np.eye(7)):
-        ahead, behind = (CylinderModel().linearised(CylinderModel.moved(x, s), points)[0] for s in (step, -step))
+        ahead, behind = (
+            CylinderModel().linearised(CylinderModel.moved(x, s), points)[0] for s in (step, -step)
+        )
         np.testing.assert_allclose(J[k], (ahead - behind) / 2e-6, atol=1e-7)
     normals = CylinderModel.normals(x, points)
     for k, step in enumerate(1e-6 * np.eye(3)):
@@ -201,10 +231,16 @@ def test_adjusted_points_are_nearest_in_the_metric_of_their_cofactors():
     np.testing.assert_allclose(CylinderModel().linearised(x[0], adjusted)[0], 0, atol=1e-12)
     # Lagrange: Q⁻¹(p − p̃) is along the normal there.
     multiplier = np.linalg.solve(Q, (points - adjusted)[..., None])[..., 0]
-    np.testing.assert_allclose(np.cross(multiplier, CylinderModel.normals(x[0], adjusted)), 0, atol=1e-10)
-    isotropic = CylinderModel.adjusted(x, Points.of(points[None], np.broadcast_to(0.3 * np.eye(3), (1, 12, 3, 3))))[0]
+    np.testing.assert_allclose(
+        np.cross(multiplier, CylinderModel.normals(x[0], adjusted)), 0, atol=1e-10
+    )
+    isotropic = CylinderModel.adjusted(
+        x, Points.of(points[None], np.broadcast_to(0.3 * np.eye(3), (1, 12, 3, 3)))
+    )[0]
     d, _ = CylinderModel().linearised(x[0], points)
-    np.testing.assert_allclose(points - isotropic, d[:, None] * CylinderModel.normals(x[0], points), atol=1e-12)
+    np.testing.assert_allclose(
+        points - isotropic, d[:, None] * CylinderModel.normals(x[0], points), atol=1e-12
+    )
 
 
 @every_method
@@ -213,10 +249,14 @@ def test_isotropic_cofactors_in_three_forms(method):
     variances = np.random.default_rng(1).uniform(0.5, 2.0, len(points)) * 1e-4
     as_variances = analysis.fit_elliptic_cylinder(points, method, cofactors=variances)
     as_weights = analysis.fit_elliptic_cylinder(points, method, weights=1 / variances)
-    in_full = analysis.fit_elliptic_cylinder(points, method, cofactors=variances[:, None, None] * np.eye(3))
+    in_full = analysis.fit_elliptic_cylinder(
+        points, method, cofactors=variances[:, None, None] * np.eye(3)
+    )
     np.testing.assert_allclose(as_weights.parameters, as_variances.parameters, atol=1e-12)
     np.testing.assert_allclose(in_full.parameters, as_variances.parameters, atol=1e-8)
-    np.testing.assert_allclose(in_full.covariance[:8, :8], as_variances.covariance[:8, :8], rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(
+        in_full.covariance[:8, :8], as_variances.covariance[:8, :8], rtol=1e-5, atol=1e-12
+    )
 
 
 # ------------------------------------------------------------------------------ precision
@@ -225,7 +265,9 @@ def test_isotropic_cofactors_in_three_forms(method):
 @every_method
 @pytest.mark.parametrize("b", [2.70, 2.75])
 def test_covariance_is_that_of_repeated_surveys(method, b):
-    """Clouds of a 270° arc; the regular parameters also of a circular cylinder. Standard deviations within 3.5 of their own."""
+    """Clouds of a 270° arc; the regular parameters also of a circular cylinder. Standard deviations
+    within 3.5 of their own.
+    """
     trials, n = (300 if method == "geometric" else 100), 150
     tolerance = 3.5 / np.sqrt(2 * trials)
     arc = (-0.25 * np.pi, 1.25 * np.pi)
@@ -235,9 +277,12 @@ def test_covariance_is_that_of_repeated_surveys(method, b):
     clouds += 0.003 * np.random.default_rng(2).standard_normal((trials, n, 1)) * normals
     fit = analysis.fit_elliptic_cylinder(clouds, method, axis=(0, 1, 0))
     assert fit.converged.all()
-    # Deviations of the regular parameters: the axis where it meets the plane y = 0 and its slopes, and m, g, h.
+    # Deviations of the regular parameters: the axis where it meets the plane y = 0 and its slopes,
+    # and m, g, h.
     away = fit.point - (fit.point[:, 1:2] / fit.direction[:, 1:2]) * fit.direction
-    deviations = np.column_stack([away[:, [0, 2]], fit.direction[:, [0, 2]], fit.regular[:, 12:] - x[12:]])
+    deviations = np.column_stack(
+        [away[:, [0, 2]], fit.direction[:, [0, 2]], fit.regular[:, 12:] - x[12:]]
+    )
     sd = np.sqrt(np.diagonal(fit.regular_covariance, axis1=-2, axis2=-1))
     along = -fit.point[:, 1]
     to_zero = np.broadcast_to(np.eye(7), (trials, 7, 7)).copy()
@@ -256,12 +301,16 @@ def test_covariance_is_that_of_repeated_surveys(method, b):
 
 def test_the_covariance_has_rank_seven_and_scales_with_absolute_cofactors():
     points = surface(100, noise=0.003)
-    fit = analysis.fit_elliptic_cylinder(points, "geometric", cofactors=np.full(100, 9e-6), absolute=True)
+    fit = analysis.fit_elliptic_cylinder(
+        points, "geometric", cofactors=np.full(100, 9e-6), absolute=True
+    )
     relative = analysis.fit_elliptic_cylinder(points, "geometric")
     np.testing.assert_allclose(fit.covariance, 9e-6 * relative.cofactor, rtol=1e-8, atol=1e-18)
     values = np.linalg.eigvalsh(fit.covariance)
     assert (values[:2] < 1e-12 * values[2]).all()
-    np.testing.assert_allclose(fit.covariance[:3] @ np.concatenate([fit.direction, np.zeros(6)]), 0, atol=1e-18)
+    np.testing.assert_allclose(
+        fit.covariance[:3] @ np.concatenate([fit.direction, np.zeros(6)]), 0, atol=1e-18
+    )
 
 
 def test_a_circular_cylinder_says_that_its_angle_is_unknown():
@@ -284,7 +333,9 @@ def test_robust_stands_furniture_and_track_bed(length, share, bed):
         wall = len(points) - int(share * 3000) - int(bed * 3000)
         # 3.5 of the standard deviations of the fit to the wall alone.
         alone = analysis.fit_elliptic_cylinder(points[:wall] @ R.T, "geometric")
-        assert (np.abs(fit.semi_axes - [2.75, 2.70]) < 3.5 * alone.standard_deviations[6:8] + 1e-4).all()
+        assert (
+            np.abs(fit.semi_axes - [2.75, 2.70]) < 3.5 * alone.standard_deviations[6:8] + 1e-4
+        ).all()
         assert fit.weights[:wall].mean() > 0.93
         assert not fit.inliers[wall : wall + int(share * 3000)].any()
         assert fit.inliers[len(points) - int(bed * 3000) :].mean() < 0.03
@@ -295,7 +346,9 @@ def test_one_gross_error_pulls_the_orthogonal_fit_and_not_the_robust_one():
     clean = analysis.fit_elliptic_cylinder(points).semi_axes
     points[0] *= [0.7, 1.0, 0.7]
     assert np.abs(analysis.fit_elliptic_cylinder(points).semi_axes - clean).max() < 5e-4
-    assert np.abs(analysis.fit_elliptic_cylinder(points, "geometric").semi_axes - clean).max() > 5e-3
+    assert (
+        np.abs(analysis.fit_elliptic_cylinder(points, "geometric").semi_axes - clean).max() > 5e-3
+    )
 
 
 def test_reliability_knows_the_cylinder():

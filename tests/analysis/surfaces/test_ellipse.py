@@ -1,4 +1,6 @@
-"""The ellipse: its feet and conics, what each method minimises, what it stands, and whether its covariance is true."""
+"""The ellipse: its feet and conics, what each method minimises, what it stands, and whether its
+covariance is true.
+"""
 
 import tomllib
 import warnings
@@ -18,7 +20,8 @@ from analysis.surfaces.ellipse import EllipseModel, _eccentric
 
 every_method = pytest.mark.parametrize("method", analysis.ELLIPSE_METHODS)
 CONSISTENT = ("geometric", "robust")
-# A tunnel section as in Li et al. 2015: R about 2.7 m, 22 mm between the axes, seen from the left rail over the crown to the right one.
+# A tunnel section as in Li et al. 2015: R about 2.7 m, 22 mm between the axes, seen from the left
+# rail over the crown to the right one.
 SECTION = np.array([10.0, -4.0, 2.711, 2.689, 0.4])
 FLAT = np.array([10.0, -4.0, 3.0, 1.0, 2.1])
 SEEN = 0.75 * np.pi
@@ -40,7 +43,9 @@ def section(n, rng, parameters=SECTION, sigma=0.003, seen=SEEN):
 
 def regular(parameters):
     u0, v0, a, b, phi = parameters
-    return np.array([u0, v0, 0.5 * (a + b), 0.5 * (a - b) * np.cos(2 * phi), 0.5 * (a - b) * np.sin(2 * phi)])
+    return np.array(
+        [u0, v0, 0.5 * (a + b), 0.5 * (a - b) * np.cos(2 * phi), 0.5 * (a - b) * np.sin(2 * phi)]
+    )
 
 
 def quietly(*args, **options):
@@ -54,7 +59,8 @@ def quietly(*args, **options):
 
 @pytest.mark.parametrize("a, b", [(3.0, 1.0), (2.711, 2.689), (2.0, 2.0), (1.0, 1e-3)])
 def test_the_foot_is_the_nearest_place_for_every_point(a, b):
-    grid = np.linspace(-1.5 * a, 1.5 * a, 13)  # with the centre, both axes, and places inside the evolute
+    # with the centre, both axes, and places inside the evolute
+    grid = np.linspace(-1.5 * a, 1.5 * a, 13)
     X, Y = (array.ravel() for array in np.meshgrid(grid, grid * b / a))
     cos, sin = _eccentric(X, Y, a, b)
     np.testing.assert_allclose(np.hypot(cos, sin), 1.0, rtol=1e-15)
@@ -62,12 +68,17 @@ def test_the_foot_is_the_nearest_place_for_every_point(a, b):
     t = np.linspace(0, 2 * np.pi, 20_001)[:, None]
     nearest = np.hypot(X - a * np.cos(t), Y - b * np.sin(t)).min(axis=0)
     assert np.all(found <= nearest + 1e-12)
-    # The residual is along the normal: the equation of the foot, of which the nearest place is one of four roots.
+    # The residual is along the normal: the equation of the foot, of which the nearest place is one
+    # of four roots.
     normal = (a * a - b * b) * cos * sin - X * a * sin + Y * b * cos
     assert np.abs(normal).max() < 1e-13 * a * a
 
 
-@pytest.mark.parametrize("x", [regular(SECTION), regular(FLAT), [10.0, -4.0, 2.7, 0.0, 0.0]], ids=["section", "flat", "circle"])
+@pytest.mark.parametrize(
+    "x",
+    [regular(SECTION), regular(FLAT), [10.0, -4.0, 2.7, 0.0, 0.0]],
+    ids=["section", "flat", "circle"],
+)
 def test_distances_and_their_derivatives(x):
     x, model = np.array(x), EllipseModel()
     rng = np.random.default_rng(1)
@@ -83,17 +94,23 @@ def test_distances_and_their_derivatives(x):
         np.testing.assert_allclose(slope, normals[:, i], atol=2e-8)
     np.testing.assert_allclose(model.linearised(x, D - d[:, None] * normals)[0], 0, atol=1e-14)
     u, v = D.T
-    assert np.array_equal(d > 0, conic.conic_of(x) @ np.array([u * u, u * v, v * v, u, v, np.ones_like(u)]) > 0)
+    assert np.array_equal(
+        d > 0, conic.conic_of(x) @ np.array([u * u, u * v, v * v, u, v, np.ones_like(u)]) > 0
+    )
 
 
 def test_first_order_distances_are_right_near_the_ellipse_and_everywhere_from_a_circle():
     rng, model = np.random.default_rng(2), EllipseModel()
     x = np.array([0.1, -0.2, 1.0, 0.2, -0.1])
     near = ellipse(conic.axes_of(x)[0], rng.uniform(0, 7, 40)) + 1e-4 * rng.standard_normal((40, 2))
-    np.testing.assert_allclose(model.distances(x[None, None], near[None])[0, 0], model.linearised(x, near)[0], atol=2e-8)
+    np.testing.assert_allclose(
+        model.distances(x[None, None], near[None])[0, 0], model.linearised(x, near)[0], atol=2e-8
+    )
     x[3:] = 0
     far = rng.standard_normal((40, 2))
-    np.testing.assert_allclose(model.distances(x[None, None], far[None])[0, 0], model.linearised(x, far)[0], atol=1e-13)
+    np.testing.assert_allclose(
+        model.distances(x[None, None], far[None])[0, 0], model.linearised(x, far)[0], atol=1e-13
+    )
 
 
 def test_places_nearest_in_the_metric_of_the_cofactors():
@@ -119,7 +136,9 @@ def test_places_nearest_in_the_metric_of_the_cofactors():
 def test_conics_and_back(parameters):
     x = regular(parameters)
     shifted = x - np.array([10, -4, 0, 0, 0])
-    np.testing.assert_allclose(conic.ellipse_of(-3.0 * conic.conic_of(shifted)), shifted, atol=1e-13 / parameters[3] ** 2)
+    np.testing.assert_allclose(
+        conic.ellipse_of(-3.0 * conic.conic_of(shifted)), shifted, atol=1e-13 / parameters[3] ** 2
+    )
     np.testing.assert_allclose(conic.axes_of(x)[0][:4], parameters[:4], atol=1e-14)
     u, v = ellipse(conic.axes_of(shifted)[0], np.linspace(0, 6, 9)).T
     values = conic.conic_of(shifted) @ np.array([u * u, u * v, v * v, u, v, np.ones_like(u)])
@@ -139,7 +158,9 @@ def test_through_five_points_or_none():
 
 
 @every_method
-@pytest.mark.parametrize("parameters", [SECTION, FLAT, [3, 2, 1, 1, 0]], ids=["section", "flat", "circle"])
+@pytest.mark.parametrize(
+    "parameters", [SECTION, FLAT, [3, 2, 1, 1, 0]], ids=["section", "flat", "circle"]
+)
 def test_exact_points_give_the_truth(method, parameters):
     points = ellipse(parameters, np.random.default_rng(4).uniform(-SEEN, SEEN, 40))
     fit = analysis.fit_ellipse(points, method)
@@ -166,20 +187,30 @@ def test_moved_points_give_the_moved_ellipse(method, motion):
     R = scale * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     points = section((60,), np.random.default_rng(5), FLAT, 0.02)
     points[:6] += 0.5
-    before, after = analysis.fit_ellipse(points, method), analysis.fit_ellipse(points @ R.T + shift, method)
+    before, after = (
+        analysis.fit_ellipse(points, method),
+        analysis.fit_ellipse(points @ R.T + shift, method),
+    )
     np.testing.assert_allclose(after.center, R @ before.center + shift, rtol=1e-9)
     np.testing.assert_allclose(after.semi_axes, scale * before.semi_axes, rtol=1e-9)
     np.testing.assert_allclose(after.angle, np.mod(before.angle + turn, np.pi), rtol=1e-9)
     np.testing.assert_allclose(after.distances, scale * before.distances, atol=1e-9 * scale)
-    np.testing.assert_allclose(after.standard_deviations[2:4], scale * before.standard_deviations[2:4], rtol=1e-7)
-    np.testing.assert_allclose(after.standard_deviations[4], before.standard_deviations[4], rtol=1e-7)
+    np.testing.assert_allclose(
+        after.standard_deviations[2:4], scale * before.standard_deviations[2:4], rtol=1e-7
+    )
+    np.testing.assert_allclose(
+        after.standard_deviations[4], before.standard_deviations[4], rtol=1e-7
+    )
 
 
 @every_method
 def test_the_order_of_the_points_is_nothing(method):
     rng = np.random.default_rng(6)
     points, order = section((60,), rng), rng.permutation(60)
-    before, after = analysis.fit_ellipse(points, method), analysis.fit_ellipse(points[order], method)
+    before, after = (
+        analysis.fit_ellipse(points, method),
+        analysis.fit_ellipse(points[order], method),
+    )
     np.testing.assert_allclose(after.regular, before.regular, atol=1e-10)
     np.testing.assert_allclose(after.weights, before.weights[order], atol=1e-6)
 
@@ -189,18 +220,35 @@ def test_a_stack_is_its_members(method):
     points = section((2, 3, 50), np.random.default_rng(7))
     points[1, 2, :4] += 0.1
     stack = analysis.fit_ellipse(points, method)
-    assert stack.center.shape == (2, 3, 2) and stack.semi_axes.shape == (2, 3, 2) and stack.angle.shape == (2, 3)
-    assert stack.covariance.shape == (2, 3, 5, 5) and stack.conic.shape == (2, 3, 6) and stack.distances.shape == (2, 3, 50)
+    assert (
+        stack.center.shape == (2, 3, 2)
+        and stack.semi_axes.shape == (2, 3, 2)
+        and stack.angle.shape == (2, 3)
+    )
+    assert (
+        stack.covariance.shape == (2, 3, 5, 5)
+        and stack.conic.shape == (2, 3, 6)
+        and stack.distances.shape == (2, 3, 50)
+    )
     one = analysis.fit_ellipse(points[1, 2], method)
     np.testing.assert_allclose(stack.regular[1, 2], one.regular, atol=1e-11)
-    np.testing.assert_allclose(stack.regular_covariance[1, 2], one.regular_covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(
+        stack.regular_covariance[1, 2], one.regular_covariance, rtol=1e-6, atol=1e-15
+    )
 
 
 def test_geometric_ellipse_of_gander_golub_and_strebel():
     with open(Path(__file__).parents[2] / "reference" / "gander_ellipse.toml", "rb") as file:
         content = tomllib.load(file)
-    fit = analysis.fit_ellipse(np.column_stack([content["data"]["x"], content["data"]["y"]]), "geometric")
-    found = {"centre": fit.center, "semi_axes": fit.semi_axes, "angle": fit.angle, "rss": np.sum(fit.distances**2)}
+    fit = analysis.fit_ellipse(
+        np.column_stack([content["data"]["x"], content["data"]["y"]]), "geometric"
+    )
+    found = {
+        "centre": fit.center,
+        "semi_axes": fit.semi_axes,
+        "angle": fit.angle,
+        "rss": np.sum(fit.distances**2),
+    }
     for name, values in found.items():
         texts = np.atleast_1d(content["answer"][name])
         half_unit = [0.5 * 10.0 ** -len(text.partition(".")[2]) for text in texts]
@@ -210,14 +258,22 @@ def test_geometric_ellipse_of_gander_golub_and_strebel():
 RNG = np.random.default_rng(8)
 SPREADS = RNG.uniform(0.3, 3.0, (40, 2))
 TURNS = np.linalg.qr(RNG.standard_normal((40, 2, 2)))[0]
-COFACTORS = {"none": None, "variances": SPREADS[:, 0], "full": (TURNS * SPREADS[:, None]) @ TURNS.swapaxes(-1, -2)}
+COFACTORS = {
+    "none": None,
+    "variances": SPREADS[:, 0],
+    "full": (TURNS * SPREADS[:, None]) @ TURNS.swapaxes(-1, -2),
+}
 
 
 @pytest.mark.parametrize("kind", COFACTORS)
 def test_geometric_against_an_adjustment_with_a_free_place_on_the_ellipse_for_every_point(kind):
     """scipy, 5 + n unknowns; also the cofactor, from its Jacobian."""
     cofactors = COFACTORS[kind]
-    full = cofactors if kind == "full" else (np.ones(40) if cofactors is None else cofactors)[:, None, None] * np.eye(2)
+    full = (
+        cofactors
+        if kind == "full"
+        else (np.ones(40) if cofactors is None else cofactors)[:, None, None] * np.eye(2)
+    )
     points = section((40,), np.random.default_rng(9), FLAT - [10, -4, 0, 0, 0], 0.03)
     roots = np.linalg.cholesky(np.linalg.inv(full)).swapaxes(-1, -2)
 
@@ -234,7 +290,12 @@ def test_geometric_against_an_adjustment_with_a_free_place_on_the_ellipse_for_ev
     reference = least_squares(residuals, start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
     np.testing.assert_allclose(fit.regular, reference.x[:5], atol=2e-8)
     np.testing.assert_allclose(fit.sigma_0, np.sqrt(2 * reference.cost / 35), rtol=1e-8)
-    np.testing.assert_allclose(fit.regular_cofactor, np.linalg.inv(reference.jac.T @ reference.jac)[:5, :5], rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(
+        fit.regular_cofactor,
+        np.linalg.inv(reference.jac.T @ reference.jac)[:5, :5],
+        rtol=1e-4,
+        atol=1e-7,
+    )
 
 
 @pytest.mark.parametrize("method", CONSISTENT)
@@ -252,7 +313,8 @@ def test_a_weight_of_three_is_three_points(method):
     weighted = analysis.fit_ellipse(points, method, weights=weights)
     repeated = analysis.fit_ellipse(np.repeat(points, weights.astype(int), axis=0), method)
     np.testing.assert_allclose(weighted.regular, repeated.regular, atol=1e-11)
-    if method == "geometric":  # the direct ellipse weighs points by their place, too, and not by their variance alone
+    # the direct ellipse weighs points by their place, too, and not by their variance alone
+    if method == "geometric":
         np.testing.assert_allclose(weighted.cofactor, repeated.cofactor, rtol=1e-7)
 
 
@@ -265,8 +327,12 @@ def test_direct_is_the_eigenvector_of_halir_and_flusser():
     _, vectors = np.linalg.eig(np.linalg.solve(conic.DISCRIMINANT, S1 + S2 @ T))
     a1 = vectors[:, 4 * vectors[0] * vectors[2] - vectors[1] ** 2 > 0][:, 0].real
     fit = analysis.fit_ellipse(points, "direct")
-    np.testing.assert_allclose(fit.regular, conic.ellipse_of(np.concatenate([a1, T @ a1])), atol=1e-11)
-    np.testing.assert_allclose(conic.ellipse_of(conic.direct_from_points(points, np.ones(40))[0]), fit.regular, atol=1e-11)
+    np.testing.assert_allclose(
+        fit.regular, conic.ellipse_of(np.concatenate([a1, T @ a1])), atol=1e-11
+    )
+    np.testing.assert_allclose(
+        conic.ellipse_of(conic.direct_from_points(points, np.ones(40))[0]), fit.regular, atol=1e-11
+    )
 
 
 # ------------------------------------------------------------------------------------- gross errors
@@ -289,7 +355,10 @@ def radius_errors(fit, truth=SECTION):
 
 def test_a_cable_tray_moves_the_plain_fits_and_not_the_robust_ones():
     points, hidden = tray(np.random.default_rng(13))
-    errors = {name: np.abs(radius_errors(analysis.fit_ellipse(points, name))).max() for name in analysis.ELLIPSE_METHODS}
+    errors = {
+        name: np.abs(radius_errors(analysis.fit_ellipse(points, name))).max()
+        for name in analysis.ELLIPSE_METHODS
+    }
     assert errors["direct"] > 0.025 and errors["geometric"] > 0.025
     assert errors["robust_direct"] < 0.0005 and errors["robust"] < 0.0005
     assert not analysis.fit_ellipse(points, "robust").inliers[hidden].any()
@@ -306,19 +375,29 @@ def test_robust_stands_forty_percent_on_one_side():
 # ----------------------------------------------------------------------------------- covariance
 
 
-@pytest.mark.parametrize("method, n, trials", [("direct", 100, 3000), ("geometric", 100, 3000), ("robust", 100, 1500)])
+@pytest.mark.parametrize(
+    "method, n, trials", [("direct", 100, 3000), ("geometric", 100, 3000), ("robust", 100, 1500)]
+)
 @pytest.mark.parametrize("parameters", [SECTION, [0, 0, 2.7, 2.7, 0]], ids=["section", "circle"])
 def test_the_ellipsoid_of_95_percent_holds_the_truth(method, n, trials, parameters):
     """In (u0, v0, m, g, h), for a circle too. The standard error of the share is 0.4 to 0.6 %."""
     fits = analysis.fit_ellipse(section((trials, n), np.random.default_rng(15), parameters), method)
     difference = fits.regular - regular(parameters)
-    squares = np.einsum("bi,bi->b", difference, np.linalg.solve(fits.regular_covariance, difference[..., None])[..., 0])
+    squares = np.einsum(
+        "bi,bi->b",
+        difference,
+        np.linalg.solve(fits.regular_covariance, difference[..., None])[..., 0],
+    )
     assert 0.935 <= np.mean(squares <= 5 * fisher.ppf(0.95, 5, n - 5)) <= 0.965
 
 
 def test_covariance_of_the_semi_axes_and_the_angle():
-    """Of a flat ellipse, whose axes are well told apart: that of a sample of 2000, whose standard deviations are good to 1.6 %."""
-    fits = analysis.fit_ellipse(section((2000, 60), np.random.default_rng(16), FLAT, 0.005), "geometric")
+    """Of a flat ellipse, whose axes are well told apart: that of a sample of 2000, whose standard
+    deviations are good to 1.6 %.
+    """
+    fits = analysis.fit_ellipse(
+        section((2000, 60), np.random.default_rng(16), FLAT, 0.005), "geometric"
+    )
     ratio = fits.parameters.std(axis=0) / np.sqrt(np.mean(fits.standard_deviations**2, axis=0))
     np.testing.assert_allclose(ratio, 1.0, atol=0.06)
     one = analysis.fit_ellipse(section((60,), np.random.default_rng(17), FLAT, 0.005), "geometric")
@@ -328,10 +407,14 @@ def test_covariance_of_the_semi_axes_and_the_angle():
 
 
 def test_bias_of_second_order_is_taken_off():
-    """A small circle with much noise: the radius is too large by σ²/2r = 1.25 mm, and with the correction by less than a fifth of it."""
+    """A small circle with much noise: the radius is too large by σ²/2r = 1.25 mm, and with the
+    correction by less than a fifth of it.
+    """
     points = section((500, 400), np.random.default_rng(18), [0, 0, 1, 1, 0], 0.05, np.pi)
     plain = analysis.fit_ellipse(points, "geometric").regular[:, 2].mean() - 1.0
-    corrected = analysis.fit_ellipse(points, "geometric", bias_correction=True).regular[:, 2].mean() - 1.0
+    corrected = (
+        analysis.fit_ellipse(points, "geometric", bias_correction=True).regular[:, 2].mean() - 1.0
+    )
     assert 0.0010 < plain < 0.0015
     assert abs(corrected) < 0.00025
 
@@ -347,7 +430,10 @@ def test_bias_of_second_order_is_taken_off():
         (np.ones((10, 2)), "all at one place"),
         (np.column_stack([np.arange(10.0), 2 * np.arange(10.0) + 1e5]), "on one line"),
         (np.tile([[0, 0], [1, 0], [0, 1], [2, 3.0]], (3, 1)), "more than one conic"),
-        (np.vstack([np.column_stack([np.arange(9.0), np.arange(9.0)]), [[0, 5.0]]]), "more than one conic"),
+        (
+            np.vstack([np.column_stack([np.arange(9.0), np.arange(9.0)]), [[0, 5.0]]]),
+            "more than one conic",
+        ),
     ],
 )
 @every_method
@@ -367,7 +453,9 @@ def test_which_cloud_of_the_stack_is_bad():
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_a_branch_of_a_hyperbola_is_told(method, noise):
     t = np.linspace(-1.5, 1.5, 100)
-    branch = np.column_stack([np.cosh(t), np.sinh(t)]) + noise * np.random.default_rng(20).standard_normal((100, 2))
+    branch = np.column_stack([np.cosh(t), np.sinh(t)]) + noise * np.random.default_rng(
+        20
+    ).standard_normal((100, 2))
     with pytest.warns(ConvergenceWarning):
         fit = analysis.fit_ellipse(branch, method)
     assert not fit.converged and "hyperbola" in fit.stop_reason
@@ -376,13 +464,19 @@ def test_a_branch_of_a_hyperbola_is_told(method, noise):
 def test_one_bad_cloud_leaves_the_others_alone():
     t = np.linspace(-1.5, 1.5, 60)
     section_points = section((60,), np.random.default_rng(22))
-    stack = quietly(np.stack([section_points, np.column_stack([np.cosh(t), np.sinh(t)])]), "geometric")
+    stack = quietly(
+        np.stack([section_points, np.column_stack([np.cosh(t), np.sinh(t)])]), "geometric"
+    )
     assert stack.converged.tolist() == [True, False]
-    np.testing.assert_allclose(stack.regular[0], analysis.fit_ellipse(section_points, "geometric").regular, atol=1e-11)
+    np.testing.assert_allclose(
+        stack.regular[0], analysis.fit_ellipse(section_points, "geometric").regular, atol=1e-11
+    )
 
 
 def test_reliability_of_the_points():
-    """Redundancy sums up to n − 5, and an error of the minimal size does to the ellipse what is said of it."""
+    """Redundancy sums up to n − 5, and an error of the minimal size does to the ellipse what is
+    said of it.
+    """
     points = section((30,), np.random.default_rng(23), FLAT, 0.003)
     fit = analysis.fit_ellipse(points, "geometric")
     found = analysis.reliability(fit, points)
@@ -395,7 +489,10 @@ def test_reliability_of_the_points():
     np.testing.assert_allclose(change, size * found.external[4], rtol=0.03, atol=1e-8)
 
 
-@pytest.mark.parametrize("option", [{"cofactors": np.tile(np.eye(2), (40, 1, 1))}, {"cofactors": np.ones(40), "absolute": True}])
+@pytest.mark.parametrize(
+    "option",
+    [{"cofactors": np.tile(np.eye(2), (40, 1, 1))}, {"cofactors": np.ones(40), "absolute": True}],
+)
 def test_full_and_absolute_cofactors_are_for_the_consistent_methods(option):
     points = section((40,), np.random.default_rng(21))
     with pytest.raises(ValueError, match="expected one of geometric, robust"):

@@ -1,4 +1,6 @@
-"""The plane: every method against the truth, against each other, and against solvers that share no code with it."""
+"""The plane: every method against the truth, against each other, and against solvers that share no
+code with it.
+"""
 
 import numpy as np
 import odrpack
@@ -59,7 +61,9 @@ def test_exact_points_give_the_plane(method, name):
     if normal[2] == 0:
         assert np.isnan(fit.parameters).all()
     else:
-        np.testing.assert_allclose(fit.parameters, np.array([-normal[0], -normal[1], fit.offset]) / normal[2], atol=1e-10)
+        np.testing.assert_allclose(
+            fit.parameters, np.array([-normal[0], -normal[1], fit.offset]) / normal[2], atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("method", TIED)
@@ -77,7 +81,12 @@ def test_steep_but_not_vertical_is_taken(method):
 
 @pytest.mark.parametrize(
     "method, given",
-    [(method, given) for method in FREE for given in ("equal", "variances", "full") if (method, given) != ("mixed_ls_tls", "full")],
+    [
+        (method, given)
+        for method in FREE
+        for given in ("equal", "variances", "full")
+        if (method, given) != ("mixed_ls_tls", "full")
+    ],
 )
 def test_rotation_translation_and_scale(method, given):
     points = patch((1, 2, 3), noise=0.003)
@@ -94,19 +103,26 @@ def test_rotation_translation_and_scale(method, given):
     assert after.sigma_0 == pytest.approx(2.5 * before.sigma_0, rel=1e-9)
     rotation = turned * R
     np.testing.assert_allclose(
-        after.normal_covariance[:3, :3], rotation @ before.normal_covariance[:3, :3] @ rotation.T, rtol=1e-6, atol=1e-12
+        after.normal_covariance[:3, :3],
+        rotation @ before.normal_covariance[:3, :3] @ rotation.T,
+        rtol=1e-6,
+        atol=1e-12,
     )
 
 
 @pytest.mark.parametrize("method", analysis.PLANE_METHODS)
 def test_order_and_stack_change_nothing(method):
-    stack = np.stack([patch((1, 2, 3), noise=0.01, seed=seed) for seed in range(6)]).reshape(2, 3, 100, 3)
+    stack = np.stack([patch((1, 2, 3), noise=0.01, seed=seed) for seed in range(6)]).reshape(
+        2, 3, 100, 3
+    )
     fits = analysis.fit_plane(stack, method)
     order = np.random.default_rng(0).permutation(100)
     for index in np.ndindex(2, 3):
         single = analysis.fit_plane(stack[index][order], method)
         np.testing.assert_allclose(fits.parameters[index], single.parameters, rtol=1e-9)
-        np.testing.assert_allclose(fits.normal_covariance[index], single.normal_covariance, rtol=1e-6, atol=1e-15)
+        np.testing.assert_allclose(
+            fits.normal_covariance[index], single.normal_covariance, rtol=1e-6, atol=1e-15
+        )
         np.testing.assert_allclose(fits.distances[index][order], single.distances, atol=1e-11)
 
 
@@ -123,7 +139,9 @@ def test_site_coordinates(method):
 
 
 def test_orthogonal_plane_through_four_points():
-    """(0 0 0), (1 0 0), (0 1 0), (0 0 1): Σd² = 1/4; the least of the problem by symmetry (scikit-spatial's tests)."""
+    """(0 0 0), (1 0 0), (0 1 0), (0 0 1): Σd² = 1/4; the least of the problem by symmetry
+    (scikit-spatial's tests).
+    """
     fit = analysis.fit_plane(np.vstack([np.zeros(3), np.eye(3)]), "geometric")
     np.testing.assert_allclose(fit.normal, np.full(3, 3**-0.5), atol=1e-14)
     assert fit.offset == pytest.approx(0.25 * 3**0.5, abs=1e-14)
@@ -162,7 +180,9 @@ def test_the_linear_solvers_agree(weights):
 
 @pytest.mark.parametrize("cosine_at", ["raw", "projected"])
 def test_wtls_is_the_printed_problem_with_its_own_weights(cosine_at):
-    """Weights of the LS plane, then of each new one; for given weights the minimum is weighted principal component analysis."""
+    """Weights of the LS plane, then of each new one; for given weights the minimum is weighted
+    principal component analysis.
+    """
     points = patch((1, 2, 3), noise=0.05)
     A, y = np.column_stack([points[:, :2], np.ones(100)]), points[:, 2]
     x = analysis.ls(A, y).x
@@ -173,14 +193,18 @@ def test_wtls_is_the_printed_problem_with_its_own_weights(cosine_at):
         fit = analysis.fit_plane(points, "wtls", cosine_at=cosine_at, reweightings=reweightings)
         np.testing.assert_allclose(fit.parameters, x, rtol=1e-10)
         np.testing.assert_allclose(fit.covariance, estimate.covariance, rtol=1e-7)
-        np.testing.assert_allclose(fit.normal, analysis.fit_plane(points, "geometric", weights=P).normal, atol=1e-11)
+        np.testing.assert_allclose(
+            fit.normal, analysis.fit_plane(points, "geometric", weights=P).normal, atol=1e-11
+        )
 
 
 def test_every_algorithm_finds_the_same_wtls_plane():
     points = np.stack([patch((1, 2, 3), noise=0.05, seed=seed) for seed in range(5)])
     expected = analysis.fit_plane(points, "wtls").parameters
     for algorithm in ALGORITHMS:
-        np.testing.assert_allclose(analysis.fit_plane(points, "wtls", algorithm=algorithm).parameters, expected, rtol=1e-11)
+        np.testing.assert_allclose(
+            analysis.fit_plane(points, "wtls", algorithm=algorithm).parameters, expected, rtol=1e-11
+        )
 
 
 def row_cofactors(Q):
@@ -192,7 +216,9 @@ def row_cofactors(Q):
 
 def test_full_cofactors_agree_with_the_general_solver():
     points, Q = patch((1, 2, 3), noise=0.003), spd(100)
-    estimate = analysis.wtls(np.column_stack([points[:, :2], np.ones(100)]), points[:, 2], row_cofactors=row_cofactors(Q))
+    estimate = analysis.wtls(
+        np.column_stack([points[:, :2], np.ones(100)]), points[:, 2], row_cofactors=row_cofactors(Q)
+    )
     for method in ("eiv", "geometric"):
         fit = analysis.fit_plane(points, method, cofactors=Q)
         np.testing.assert_allclose(fit.parameters, estimate.x, rtol=1e-9)
@@ -226,10 +252,14 @@ def test_full_cofactors_agree_with_odrpack():
 def test_equal_cofactors_are_no_cofactors(method):
     points = patch((1, 2, 0), noise=0.003)
     without = analysis.fit_plane(points, method)
-    given = analysis.fit_plane(points, method, cofactors=np.broadcast_to(4e-6 * np.eye(3), (100, 3, 3)))
+    given = analysis.fit_plane(
+        points, method, cofactors=np.broadcast_to(4e-6 * np.eye(3), (100, 3, 3))
+    )
     np.testing.assert_allclose(given.normal, without.normal, atol=1e-9)
     assert given.sigma_0 == pytest.approx(without.sigma_0 / 0.002, rel=1e-6)
-    np.testing.assert_allclose(given.normal_covariance, without.normal_covariance, rtol=1e-5, atol=1e-14)
+    np.testing.assert_allclose(
+        given.normal_covariance, without.normal_covariance, rtol=1e-5, atol=1e-14
+    )
 
 
 # --------------------------------------------------------------------------- stochastic properties
@@ -245,8 +275,14 @@ def test_the_stated_accuracy_is_the_accuracy(method, normal):
     E = np.zeros((3, 4))
     E[:2, :3] = tangents(n).T
     E[2] = [*-center, 1.0]  # of the distance of the centre from the plane
-    error = np.stack([*((fit.normal - n) @ tangents(n)).T, fit.offset - fit.normal @ center], axis=-1)
-    square = np.einsum("bi,bi->b", error, np.linalg.solve(E @ fit.normal_covariance @ E.T, error[..., None])[..., 0])
+    error = np.stack(
+        [*((fit.normal - n) @ tangents(n)).T, fit.offset - fit.normal @ center], axis=-1
+    )
+    square = np.einsum(
+        "bi,bi->b",
+        error,
+        np.linalg.solve(E @ fit.normal_covariance @ E.T, error[..., None])[..., 0],
+    )
     from scipy.stats import f as fisher
 
     used = fit.inliers.sum(axis=-1)
@@ -261,7 +297,12 @@ def test_covariance_of_slopes_and_of_the_normal_belong_together():
     z = fit.normal[2]
     J[0], J[1], J[2] = [-1 / z, 0, -a / z, 0], [0, -1 / z, -b / z, 0], [0, 0, -c / z, 1 / z]
     np.testing.assert_allclose(J @ fit.normal_covariance @ J.T, fit.covariance, rtol=1e-8)
-    assert np.linalg.matrix_rank(fit.normal_covariance, tol=1e-9 * np.linalg.norm(fit.normal_covariance)) == 3
+    assert (
+        np.linalg.matrix_rank(
+            fit.normal_covariance, tol=1e-9 * np.linalg.norm(fit.normal_covariance)
+        )
+        == 3
+    )
     tied = analysis.fit_plane(patch((1, 2, 3), noise=0.002), "ls")
     np.testing.assert_allclose(J.shape, (3, 4))
     z, (a, b, c) = tied.normal[2], tied.parameters
@@ -270,9 +311,13 @@ def test_covariance_of_slopes_and_of_the_normal_belong_together():
 
 
 def gross(share, one_sided, runs=200, n=100, seed=3):
-    """(runs, n, 3) level patches of 1 m with σ 2 mm, the first of whose points are off by 5 to 50 cm."""
+    """(runs, n, 3) level patches of 1 m with σ 2 mm, the first of whose points are off by 5 to 50
+    cm.
+    """
     generator = np.random.default_rng(seed)
-    points = np.concatenate([generator.uniform(-0.5, 0.5, (runs, n, 2)), np.zeros((runs, n, 1))], axis=-1)
+    points = np.concatenate(
+        [generator.uniform(-0.5, 0.5, (runs, n, 2)), np.zeros((runs, n, 1))], axis=-1
+    )
     points += 0.002 * generator.standard_normal(points.shape)
     count = round(share * n)
     side = 1.0 if one_sided else np.where(generator.uniform(size=(runs, count)) < 0.5, -1.0, 1.0)
@@ -290,7 +335,8 @@ def test_robust_against_gross_errors(share, one_sided, limit):
     without = np.median(angles(analysis.fit_plane(points[:, count:], "mixed_ls_tls")))
     fit = analysis.fit_plane(points, "robust")
     assert np.median(angles(fit)) <= limit * without
-    assert fit.converged.all() and angles(fit).max() < 0.01  # 0.6°; the gross errors tilt SVD by several
+    # 0.6°; the gross errors tilt SVD by several
+    assert fit.converged.all() and angles(fit).max() < 0.01
     assert (fit.weights[:, :count] == 0).all()
     assert np.median(angles(analysis.fit_plane(points, "mixed_ls_tls"))) > 20 * without
 
@@ -306,9 +352,9 @@ def test_igg3_wtls_rejects_a_gross_error_and_says_so_with_a_zero():
 def test_no_gross_errors_no_difference(method):
     points = patch((1, 2, 3), n=500, noise=0.002)
     reference = analysis.fit_plane(points, "mixed_ls_tls")
-    assert np.linalg.norm(analysis.fit_plane(points, method).normal - reference.normal) < 0.5 * np.sqrt(
-        np.trace(reference.normal_covariance[:3, :3])
-    )
+    assert np.linalg.norm(
+        analysis.fit_plane(points, method).normal - reference.normal
+    ) < 0.5 * np.sqrt(np.trace(reference.normal_covariance[:3, :3]))
 
 
 def test_robust_repeats_itself():
@@ -318,19 +364,28 @@ def test_robust_repeats_itself():
     np.testing.assert_allclose(analysis.fit_plane(points, seed=5).parameters, first, atol=1e-9)
 
 
-# ------------------------------------------------------------------------------- incidence, reliability
+# ------------------------------------------------------------------------------- incidence,
+# reliability
 
 
 def test_incidence_cosines():
     generator = np.random.default_rng(0)
-    points, plane, station = generator.uniform(1, 2, (50, 3)), np.array([0.4, -0.7, 3.0]), np.array([0.1, 0.2, 0.3])
+    points, plane, station = (
+        generator.uniform(1, 2, (50, 3)),
+        np.array([0.4, -0.7, 3.0]),
+        np.array([0.1, 0.2, 0.3]),
+    )
     n = np.array([0.4, -0.7, -1.0]) / np.sqrt(0.4**2 + 0.7**2 + 1)
     beams = (points - station) / np.linalg.norm(points - station, axis=-1, keepdims=True)
-    np.testing.assert_allclose(incidence_cosines(points, plane, station), np.abs(beams @ n), rtol=1e-12)
+    np.testing.assert_allclose(
+        incidence_cosines(points, plane, station), np.abs(beams @ n), rtol=1e-12
+    )
     on_plane = points - ((points @ n) + 3.0 * np.sqrt(1 / (0.4**2 + 0.7**2 + 1)))[:, None] * n
     np.testing.assert_allclose(on_plane @ [0.4, -0.7, -1.0] + 3.0, 0, atol=1e-12)
     np.testing.assert_allclose(
-        incidence_cosines(points, plane, station, at="projected"), incidence_cosines(on_plane, plane, station), rtol=1e-12
+        incidence_cosines(points, plane, station, at="projected"),
+        incidence_cosines(on_plane, plane, station),
+        rtol=1e-12,
     )
     with pytest.raises(ValueError, match="expected points away from the station, got 1 in it"):
         incidence_cosines(np.vstack([points, station]), plane, station)
@@ -345,7 +400,11 @@ def test_reliability_of_a_plane(far):
     found = analysis.reliability(analysis.fit_plane(points), points)
     assert found.redundancy.sum() == pytest.approx(100 - 3, abs=1 + 1e-6)  # 7 is not in use
     assert np.flatnonzero(found.suspects()).tolist() == [7]
-    fit, kept = analysis.data_snooping(points, lambda points, **given: analysis.fit_plane(points, "geometric", **given), sigma=0.002)
+    fit, kept = analysis.data_snooping(
+        points,
+        lambda points, **given: analysis.fit_plane(points, "geometric", **given),
+        sigma=0.002,
+    )
     assert np.flatnonzero(~kept).tolist() == [7]
 
 
@@ -356,7 +415,12 @@ def test_external_reliability_is_what_the_error_does():
     found = analysis.reliability(fit, points, sigma=1e-5)
     moved = points.copy()
     moved[4] += found.minimal_bias[4] * fit.normal
-    np.testing.assert_allclose(analysis.fit_plane(moved, "geometric").parameters - fit.parameters, found.external[4], rtol=0.02, atol=1e-9)
+    np.testing.assert_allclose(
+        analysis.fit_plane(moved, "geometric").parameters - fit.parameters,
+        found.external[4],
+        rtol=0.02,
+        atol=1e-9,
+    )
 
 
 # --------------------------------------------------------------------------------------- bad input
@@ -400,5 +464,7 @@ def test_input_is_not_changed():
     points, Q = patch((1, 2, 3), noise=0.001), spd(100)
     copies = points.copy(), Q.copy()
     for method in analysis.PLANE_METHODS:
-        analysis.fit_plane(points, method, cofactors=Q if analysis.PLANE_METHODS[method].consistent else None)
+        analysis.fit_plane(
+            points, method, cofactors=Q if analysis.PLANE_METHODS[method].consistent else None
+        )
     assert np.array_equal(points, copies[0]) and np.array_equal(Q, copies[1])

@@ -1,4 +1,6 @@
-"""Sphere fits: exact data, each method against its printed equations in dense form, the paper's clouds, bad input."""
+"""Sphere fits: exact data, each method against its printed equations in dense form, the paper's
+clouds, bad input.
+"""
 
 import dataclasses
 import warnings
@@ -26,12 +28,20 @@ def directions(n, seed=0, above=-1.0):
     generator = np.random.default_rng(seed)
     z = generator.uniform(above, 1.0, n)
     angle = generator.uniform(0, 2 * np.pi, n)
-    return np.column_stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z])
+    return np.column_stack(
+        [np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z]
+    )
 
 
 def noisy(n=40, seed=1, gross=0):
-    """n points around the paper's sphere with 5 cm of noise, the first ``gross`` of them 2 m inside it."""
-    points = TRUTH[:3] + TRUTH[3] * directions(n, seed, above=0.0) + 0.05 * np.random.default_rng(seed).standard_normal((n, 3))
+    """n points around the paper's sphere with 5 cm of noise, the first ``gross`` of them 2 m inside
+    it.
+    """
+    points = (
+        TRUTH[:3]
+        + TRUTH[3] * directions(n, seed, above=0.0)
+        + 0.05 * np.random.default_rng(seed).standard_normal((n, 3))
+    )
     points[:gross] = TRUTH[:3] + (points[:gross] - TRUTH[:3]) * 0.86
     return points
 
@@ -61,7 +71,12 @@ PLACES = {
 
 
 # Pure TLS sees |p|² of the printed frame, whose last bit is 2 mm² on a national grid.
-METHODS_AND_PLACES = [(method, place) for method in METHODS for place in PLACES if (method, place) != ("tls", "national grid")]
+METHODS_AND_PLACES = [
+    (method, place)
+    for method in METHODS
+    for place in PLACES
+    if (method, place) != ("tls", "national grid")
+]
 
 
 @pytest.mark.parametrize(("method", "place"), METHODS_AND_PLACES)
@@ -69,9 +84,12 @@ METHODS_AND_PLACES = [(method, place) for method in METHODS for place in PLACES 
 def test_exact_points_give_the_sphere(method, place, points):
     truth = np.array(PLACES[place])
     fit = analysis.fit_sphere(truth[:3] + truth[3] * UNIT_SPHERES[points], method)
-    rounding = np.finfo(float).eps * (1000 * truth[3] + 10 * np.abs(truth).max())  # of the fit, and of the points themselves
+    # of the fit, and of the points themselves
+    rounding = np.finfo(float).eps * (1000 * truth[3] + 10 * np.abs(truth).max())
     if method == "tls":
-        rounding += 30 * np.finfo(float).eps * (np.linalg.norm(truth[:3]) + truth[3]) ** 2 / truth[3]
+        rounding += (
+            30 * np.finfo(float).eps * (np.linalg.norm(truth[:3]) + truth[3]) ** 2 / truth[3]
+        )
     np.testing.assert_allclose(fit.parameters, truth, rtol=0, atol=rounding)
     np.testing.assert_allclose(fit.distances, 0, atol=rounding)
     np.testing.assert_array_equal(fit.center, fit.parameters[:3])
@@ -90,12 +108,20 @@ def test_small_sphere_at_geocentric_coordinates(method):
 
 
 def test_noise_at_geocentric_coordinates_is_the_noise_at_the_origin():
-    """LS of the same noisy points moved by whole metres: the answer moves with them to the rounding of the coordinates."""
-    local = np.round(0.05 * directions(200, above=0.0) + 0.002 * np.random.default_rng(2).standard_normal((200, 3)), 4)
+    """LS of the same noisy points moved by whole metres: the answer moves with them to the rounding
+    of the coordinates.
+    """
+    local = np.round(
+        0.05 * directions(200, above=0.0)
+        + 0.002 * np.random.default_rng(2).standard_normal((200, 3)),
+        4,
+    )
     shift = np.array([3.6e6, 3.3e6, 4.1e6])
     for method in ("ls", "wtls"):
         far = analysis.fit_sphere(local + shift, method)
-        np.testing.assert_allclose(far.center - shift, analysis.fit_sphere(local, "ls").center, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(
+            far.center - shift, analysis.fit_sphere(local, "ls").center, rtol=0, atol=1e-8
+        )
 
 
 def test_pure_tls_loses_large_coordinates():
@@ -105,7 +131,8 @@ def test_pure_tls_loses_large_coordinates():
     assert fit.converged == np.isfinite(fit.radius)
 
 
-# ------------------------------------------------------------------------------ the printed equations, dense, in the raw frame
+# ------------------------------------------------------------------------------ the printed
+# equations, dense, in the raw frame
 
 
 def printed_rows(points):
@@ -163,8 +190,15 @@ def dense_cofactor(points, P, X):
 def assert_fit(fit, X, sigma_0, cofactor):
     np.testing.assert_allclose(fit.parameters, sphere_of(X), rtol=1e-9)
     np.testing.assert_allclose(fit.sigma_0, sigma_0, rtol=1e-8)
-    np.testing.assert_allclose(fit.cofactor, cofactor, rtol=1e-7, atol=1e-9 * np.abs(cofactor).max())
-    np.testing.assert_allclose(fit.covariance, sigma_0**2 * cofactor, rtol=1e-6, atol=1e-9 * sigma_0**2 * np.abs(cofactor).max())
+    np.testing.assert_allclose(
+        fit.cofactor, cofactor, rtol=1e-7, atol=1e-9 * np.abs(cofactor).max()
+    )
+    np.testing.assert_allclose(
+        fit.covariance,
+        sigma_0**2 * cofactor,
+        rtol=1e-6,
+        atol=1e-9 * sigma_0**2 * np.abs(cofactor).max(),
+    )
 
 
 CLOUDS = {"noisy": noisy(), "gross": noisy(gross=3), "clean": CLEAN[:60]}
@@ -181,7 +215,12 @@ def test_ls_is_numpy_lstsq_of_the_printed_rows(points):
     A, Y = printed_rows(points)
     X = np.linalg.lstsq(A, Y, rcond=None)[0]
     J = radius_jacobian(X)
-    assert_fit(analysis.fit_sphere(points, "ls"), X, algebraic_sd(points, X), J @ np.linalg.inv(A.T @ A) @ J.T)
+    assert_fit(
+        analysis.fit_sphere(points, "ls"),
+        X,
+        algebraic_sd(points, X),
+        J @ np.linalg.inv(A.T @ A) @ J.T,
+    )
 
 
 @every_cloud
@@ -191,7 +230,12 @@ def test_tls_is_the_svd_of_the_printed_rows(points):
     X = -v[:4] / v[4]
     adjusted = A + np.outer((Y - A @ X) / (1 + X @ X), X)
     J = radius_jacobian(X)
-    assert_fit(analysis.fit_sphere(points, "tls"), X, algebraic_sd(points, X), J @ np.linalg.inv(adjusted.T @ adjusted) @ J.T)
+    assert_fit(
+        analysis.fit_sphere(points, "tls"),
+        X,
+        algebraic_sd(points, X),
+        J @ np.linalg.inv(adjusted.T @ adjusted) @ J.T,
+    )
 
 
 @every_cloud
@@ -203,29 +247,46 @@ def test_mixed_ls_tls_is_the_svd_of_the_centred_rows(points):
     X = np.array([*k, Y.mean() - 2 * points.mean(axis=0) @ k])
     adjusted = A + np.outer((Y - A @ X) / (1 + k @ k), [*k, 0.0])
     J = radius_jacobian(X)
-    assert_fit(analysis.fit_sphere(points, "mixed_ls_tls"), X, algebraic_sd(points, X), J @ np.linalg.inv(adjusted.T @ adjusted) @ J.T)
+    assert_fit(
+        analysis.fit_sphere(points, "mixed_ls_tls"),
+        X,
+        algebraic_sd(points, X),
+        J @ np.linalg.inv(adjusted.T @ adjusted) @ J.T,
+    )
 
 
 def test_mixed_ls_tls_is_the_smallest_singular_vector_however_noisy():
-    """Twelve points with 10 % of noise: there an iteration may end at another singular vector, which is no minimum."""
+    """Twelve points with 10 % of noise: there an iteration may end at another singular vector,
+    which is no minimum.
+    """
     generator = np.random.default_rng(47)
     radial = generator.standard_normal((12, 3))
     radial /= np.linalg.norm(radial, axis=1)[:, None]
     radial[:, 2] = abs(radial[:, 2])
-    points = generator.uniform(-5, 5, 3) + 3 * radial * (1 + 0.1 * generator.standard_normal((12, 1)))
+    points = generator.uniform(-5, 5, 3) + 3 * radial * (
+        1 + 0.1 * generator.standard_normal((12, 1))
+    )
     rows = np.column_stack([2 * points, np.sum(points**2, axis=1)])
     v = np.linalg.svd(rows - rows.mean(axis=0))[2][-1]
-    np.testing.assert_allclose(analysis.fit_sphere(points, "mixed_ls_tls").center, -v[:3] / v[3], rtol=1e-9)
+    np.testing.assert_allclose(
+        analysis.fit_sphere(points, "mixed_ls_tls").center, -v[:3] / v[3], rtol=1e-9
+    )
 
 
 @every_cloud
 @pytest.mark.parametrize("unit_weight", [1.0, 0.25])
 @pytest.mark.parametrize("weighted", [False, True])
 def test_wtls_is_the_printed_iteration(points, unit_weight, weighted):
-    base = np.random.default_rng(3).uniform(0.3, 3.0, len(points)) if weighted else np.ones(len(points))
+    base = (
+        np.random.default_rng(3).uniform(0.3, 3.0, len(points))
+        if weighted
+        else np.ones(len(points))
+    )
     P = unit_weight * base
     X = dense_wtls(points, P)
-    fit = analysis.fit_sphere(points, "wtls", unit_weight=unit_weight, weights=base if weighted else None)
+    fit = analysis.fit_sphere(
+        points, "wtls", unit_weight=unit_weight, weights=base if weighted else None
+    )
     assert_fit(fit, X, dense_sigma_0(points, P, X), dense_cofactor(points, P, X))
     assert fit.converged
 
@@ -270,12 +331,21 @@ def dense_igg3_wtls(points, base, iterations, scale, power, cumulative, start):
 @pytest.mark.parametrize("start", ["Q_Y", "P_Y"])
 @pytest.mark.parametrize("unit_weight", [1.0, 1000.0])
 def test_igg3_wtls_is_the_printed_iteration(scale, power, cumulative, start, unit_weight):
-    """The first twelve iterations one by one, with a-priori weights, gross errors and zero weights among them."""
+    """The first twelve iterations one by one, with a-priori weights, gross errors and zero weights
+    among them.
+    """
     points = noisy(gross=3)
     weights = np.random.default_rng(4).uniform(0.5, 2.0, len(points))
     options = dict(scale=scale, power=power, cumulative=cumulative, start=start)
     fit = fit_quietly(
-        points, "igg3_wtls", weights=weights, unit_weight=unit_weight, max_iterations=12, tolerance=1e-30, history=True, **options
+        points,
+        "igg3_wtls",
+        weights=weights,
+        unit_weight=unit_weight,
+        max_iterations=12,
+        tolerance=1e-30,
+        history=True,
+        **options,
     )
     base = unit_weight * weights
     expected = dense_igg3_wtls(points, base, len(fit.history), **options)
@@ -321,7 +391,12 @@ def test_history_is_the_way_to_the_result():
     for before, after in zip(fit.history, fit.history[1:], strict=False):
         distances = np.linalg.norm(CLEAN - before.parameters[:3], axis=1) - before.parameters[3]
         np.testing.assert_allclose(before.scale, np.sqrt(np.mean(distances**2)), rtol=1e-9)
-        np.testing.assert_allclose(after.weights, before.weights * IGG3().weight(distances / before.scale), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            after.weights,
+            before.weights * IGG3().weight(distances / before.scale),
+            rtol=0,
+            atol=1e-9,
+        )
     assert analysis.fit_sphere(CLEAN, "igg3_wtls").history == ()
 
 
@@ -329,7 +404,9 @@ def test_history_is_the_way_to_the_result():
 def test_igg3_wtls_ends_at_the_first_small_step_in_printed_x(tolerance):
     """|ΔX| of X = (a, b, c, δ) in the printed frame, m and m² together, as step 7 has it."""
     fit = analysis.fit_sphere(CLEAN, "igg3_wtls", tolerance=tolerance, history=True)
-    X = [np.append(p[:3], p[3] ** 2 - p[:3] @ p[:3]) for p in (one.parameters for one in fit.history)]
+    X = [
+        np.append(p[:3], p[3] ** 2 - p[:3] @ p[:3]) for p in (one.parameters for one in fit.history)
+    ]
     steps = np.linalg.norm(np.diff(X, axis=0), axis=1)
     assert steps[-1] < tolerance < steps[:-1].min()
     # The part in m², δ, is most of it: the centre alone would have stopped earlier.
@@ -345,11 +422,15 @@ def test_points_of_tiny_weight_count_as_used():
 
 @every_cloud
 def test_no_method_finds_an_imaginary_sphere(points):
-    """LS and mixed LS-TLS make Σr = 0, so r² is the mean of |p − k|², and pure TLS has no smaller r² than the spread of the points."""
+    """LS and mixed LS-TLS make Σr = 0, so r² is the mean of |p − k|², and pure TLS has no smaller
+    r² than the spread of the points.
+    """
     spread = np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))
     for method in ("ls", "mixed_ls_tls"):
         fit = analysis.fit_sphere(points, method)
-        np.testing.assert_allclose(fit.radius**2, np.mean(np.sum((points - fit.center) ** 2, axis=1)), rtol=1e-11)
+        np.testing.assert_allclose(
+            fit.radius**2, np.mean(np.sum((points - fit.center) ** 2, axis=1)), rtol=1e-11
+        )
     assert analysis.fit_sphere(points, "tls").radius ** 2 >= spread
 
 
@@ -362,7 +443,9 @@ def test_fit_reports_the_orthogonal_distances(method):
     distances = np.linalg.norm(GROSS - fit.center, axis=1) - fit.radius
     np.testing.assert_allclose(fit.distances, distances, rtol=0, atol=1e-12)
     np.testing.assert_allclose(fit.sigma_s, np.sqrt(np.mean(distances**2)), rtol=1e-12)
-    np.testing.assert_allclose(fit.sigma_s_inliers, np.sqrt(np.mean(distances[fit.weights > 0] ** 2)), rtol=1e-12)
+    np.testing.assert_allclose(
+        fit.sigma_s_inliers, np.sqrt(np.mean(distances[fit.weights > 0] ** 2)), rtol=1e-12
+    )
     np.testing.assert_allclose(fit.covariance, fit.sigma_0**2 * fit.cofactor, rtol=1e-12)
     np.testing.assert_allclose(fit.standard_deviations**2, np.diag(fit.covariance), rtol=1e-12)
     np.testing.assert_allclose(fit.covariance, fit.covariance.T, rtol=1e-12)
@@ -378,25 +461,36 @@ def test_distances_are_positive_outside(depth):
 
 
 def test_ls_covariance_is_the_scatter_of_redraws():
-    """On the whole sphere isotropic noise makes equal algebraic residuals, which is what LS assumes."""
+    """On the whole sphere isotropic noise makes equal algebraic residuals, which is what LS
+    assumes.
+    """
     truth, sigma, count, n = np.array([1.0, 2.0, 3.0, 1.0]), 1e-3, 2000, 50
     exact = truth[:3] + directions(n, above=-1.0)
-    fit = analysis.fit_sphere(exact + sigma * np.random.default_rng(6).standard_normal((count, n, 3)), "ls")
+    fit = analysis.fit_sphere(
+        exact + sigma * np.random.default_rng(6).standard_normal((count, n, 3)), "ls"
+    )
     errors = fit.parameters - truth
     monte_carlo = 4 / np.sqrt(2 * count)  # four standard errors of a standard deviation, relative
-    np.testing.assert_allclose(errors.std(axis=0), fit.standard_deviations.mean(axis=0), rtol=monte_carlo)
+    np.testing.assert_allclose(
+        errors.std(axis=0), fit.standard_deviations.mean(axis=0), rtol=monte_carlo
+    )
     # All of the covariance at once: errorsᵀ C⁻¹ errors / 4 follows F(4, 46).
     quadratic = np.einsum("bi,bij,bj->b", errors, np.linalg.inv(fit.covariance), errors)
     assert abs(quadratic.mean() - 4 * 46 / 44) < 4 * quadratic.std() / np.sqrt(count)
     # σ0 of LS is in m²: 2rσ, and 2rσs beyond the redundancy.
     np.testing.assert_allclose(fit.sigma_0.mean(), 2 * sigma, rtol=0.01)
-    np.testing.assert_allclose(fit.sigma_0, 2 * fit.radius * fit.sigma_s * np.sqrt(n / (n - 4)), rtol=0.01)
+    np.testing.assert_allclose(
+        fit.sigma_0, 2 * fit.radius * fit.sigma_s * np.sqrt(n / (n - 4)), rtol=0.01
+    )
 
 
 @every_method
 def test_covariance_does_not_depend_on_the_unit_of_weights(method):
     """Ten times the weights: a tenth of the cofactor, the same covariance and the same sphere."""
-    one, ten = (analysis.fit_sphere(CLOUDS["gross"], method, weights=np.full(40, weight)) for weight in (1.0, 10.0))
+    one, ten = (
+        analysis.fit_sphere(CLOUDS["gross"], method, weights=np.full(40, weight))
+        for weight in (1.0, 10.0)
+    )
     np.testing.assert_allclose(ten.parameters, one.parameters, rtol=1e-9)
     np.testing.assert_allclose(10 * ten.cofactor, one.cofactor, rtol=1e-6)
     np.testing.assert_allclose(ten.covariance, one.covariance, rtol=1e-6)
@@ -404,14 +498,17 @@ def test_covariance_does_not_depend_on_the_unit_of_weights(method):
 
 @pytest.mark.parametrize("method", ["wtls", "igg3_wtls"])
 def test_unit_weight_scales_sigma_0_alone(method):
-    one, hundred = (analysis.fit_sphere(CLOUDS["gross"], method, unit_weight=unit) for unit in (1.0, 100.0))
+    one, hundred = (
+        analysis.fit_sphere(CLOUDS["gross"], method, unit_weight=unit) for unit in (1.0, 100.0)
+    )
     np.testing.assert_allclose(hundred.parameters, one.parameters, rtol=1e-10)
     np.testing.assert_allclose(hundred.weights, one.weights, rtol=0, atol=1e-8)
     np.testing.assert_allclose(hundred.sigma_0, 10 * one.sigma_0, rtol=1e-8)
     np.testing.assert_allclose(hundred.covariance, one.covariance, rtol=1e-6)
 
 
-# ------------------------------------------------------------------------------ weights and cofactors
+# ------------------------------------------------------------------------------ weights and
+# cofactors
 
 
 @every_method
@@ -433,7 +530,9 @@ def test_cofactors_are_the_inverse_of_weights(method):
     for fit in (by_cofactors, by_both):
         np.testing.assert_allclose(fit.parameters, by_weights.parameters, rtol=1e-9)
         np.testing.assert_allclose(fit.covariance, by_weights.covariance, rtol=1e-6)
-    assert np.abs(by_weights.parameters - analysis.fit_sphere(points, method).parameters).max() > 1e-4
+    assert (
+        np.abs(by_weights.parameters - analysis.fit_sphere(points, method).parameters).max() > 1e-4
+    )
 
 
 @pytest.mark.parametrize("method", ["ls", "tls", "mixed_ls_tls", "wtls"])
@@ -443,7 +542,9 @@ def test_integer_weights_are_repeated_points(method):
     repeated = analysis.fit_sphere(np.repeat(points, counts, axis=0), method)
     np.testing.assert_allclose(weighted.parameters, repeated.parameters, rtol=1e-10)
     np.testing.assert_allclose(weighted.cofactor, repeated.cofactor, rtol=1e-7)
-    np.testing.assert_allclose(weighted.sigma_0**2 * 36, repeated.sigma_0**2 * (counts.sum() - 4), rtol=1e-8)
+    np.testing.assert_allclose(
+        weighted.sigma_0**2 * 36, repeated.sigma_0**2 * (counts.sum() - 4), rtol=1e-8
+    )
 
 
 # ------------------------------------------------------------------------------ the paper's clouds
@@ -458,12 +559,16 @@ def test_table_1_clean():
 
 
 def test_table_1_scatter_of_ls():
-    """Standard deviations in mm, stated to their last digit, over 2000 redraws: 1.6 % of Monte-Carlo error each."""
+    """Standard deviations in mm, stated to their last digit, over 2000 redraws: 1.6 % of
+    Monte-Carlo error each.
+    """
     fit = analysis.fit_sphere(clouds.sphere_redraws(2000), "ls")
     scatter = 1e3 * (fit.parameters - TRUTH).std(axis=0)
     stated, last_digit = np.array([0.31, 0.32, 0.9, 0.73]), np.array([0.005, 0.005, 0.05, 0.005])
     assert np.all(np.abs(scatter - stated) < 3 * 0.016 * stated + last_digit)
-    np.testing.assert_allclose(scatter, 1e3 * fit.standard_deviations.mean(axis=0), rtol=4 / np.sqrt(4000))
+    np.testing.assert_allclose(
+        scatter, 1e3 * fit.standard_deviations.mean(axis=0), rtol=4 / np.sqrt(4000)
+    )
 
 
 def test_table_2_gross_errors():
@@ -492,7 +597,14 @@ STACK_OPTIONS = {
     "igg3_wtls that collapses": {"scale": "unit", "unit_weight": 0.01},
     "wtls that partly does not converge": {"max_iterations": 5},
 }
-PER_STACK = (*sphere.SphereFit.PER_STACK, "center", "radius", "covariance", "sigma_s", "sigma_s_inliers")
+PER_STACK = (
+    *sphere.SphereFit.PER_STACK,
+    "center",
+    "radius",
+    "covariance",
+    "sigma_s",
+    "sigma_s_inliers",
+)
 
 
 @pytest.mark.parametrize("name", STACK_OPTIONS)
@@ -502,13 +614,28 @@ def test_a_stack_is_its_clouds_one_by_one(name, weighted):
     weights = np.random.default_rng(11).uniform(0.5, 2.0, (2, 3, 40)) if weighted else None
     method, options = name.split()[0], STACK_OPTIONS[name]
     together = fit_quietly(points, method, weights=weights, **options)
-    shapes = {"parameters": (2, 3, 4), "center": (2, 3, 3), "radius": (2, 3), "cofactor": (2, 3, 4, 4), "distances": (2, 3, 40)}
+    shapes = {
+        "parameters": (2, 3, 4),
+        "center": (2, 3, 3),
+        "radius": (2, 3),
+        "cofactor": (2, 3, 4, 4),
+        "distances": (2, 3, 40),
+    }
     assert {name: getattr(together, name).shape for name in shapes} == shapes
     for index in np.ndindex(2, 3):
-        apart = fit_quietly(points[index], method, weights=None if weights is None else weights[index], **options)
-        assert apart.center.shape == (3,) and np.ndim(apart.radius) == 0 and isinstance(apart.stop_reason, str)
+        apart = fit_quietly(
+            points[index], method, weights=None if weights is None else weights[index], **options
+        )
+        assert (
+            apart.center.shape == (3,)
+            and np.ndim(apart.radius) == 0
+            and isinstance(apart.stop_reason, str)
+        )
         for field in PER_STACK:
-            ours, theirs = np.asarray(getattr(together, field))[index], np.asarray(getattr(apart, field))
+            ours, theirs = (
+                np.asarray(getattr(together, field))[index],
+                np.asarray(getattr(apart, field)),
+            )
             if theirs.dtype.kind == "f":
                 size = np.abs(theirs[np.isfinite(theirs)]).max(initial=0.0)
                 np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * size, err_msg=field)
@@ -526,7 +653,9 @@ def test_a_stack_longer_than_a_block(method):
     points = clouds.sphere_redraws(150)
     together = fit_quietly(points, method)
     for index in (0, 31, 32, 131, 132, 149):
-        np.testing.assert_allclose(together.parameters[index], fit_quietly(points[index], method).parameters, rtol=1e-9)
+        np.testing.assert_allclose(
+            together.parameters[index], fit_quietly(points[index], method).parameters, rtol=1e-9
+        )
 
 
 @every_method
@@ -542,7 +671,8 @@ def test_a_cloud_longer_than_a_block(method):
         np.testing.assert_allclose(fit.parameters, sphere_of(X), rtol=1e-11)
 
 
-# ------------------------------------------------------------------------------ what goes in and comes out
+# ------------------------------------------------------------------------------ what goes in and
+# comes out
 
 
 @every_method
@@ -552,15 +682,26 @@ def test_form_of_the_input_does_not_matter(method):
     read_only.flags.writeable = False
     doubled = np.repeat(GROSS, 2, axis=0)[::2]
     wider = np.column_stack([GROSS, GROSS[:, :1]])[:, :3]
-    for points in (read_only, GROSS.tolist(), doubled, wider, np.asfortranarray(GROSS), GROSS.astype(object)):
-        np.testing.assert_allclose(analysis.fit_sphere(points, method).parameters, expected, rtol=1e-10)
+    for points in (
+        read_only,
+        GROSS.tolist(),
+        doubled,
+        wider,
+        np.asfortranarray(GROSS),
+        GROSS.astype(object),
+    ):
+        np.testing.assert_allclose(
+            analysis.fit_sphere(points, method).parameters, expected, rtol=1e-10
+        )
     single = GROSS.astype(np.float32)
     np.testing.assert_array_equal(
-        analysis.fit_sphere(single, method).parameters, analysis.fit_sphere(single.astype(float), method).parameters
+        analysis.fit_sphere(single, method).parameters,
+        analysis.fit_sphere(single.astype(float), method).parameters,
     )
     whole = np.round(10 * GROSS).astype(np.int32)
     np.testing.assert_array_equal(
-        analysis.fit_sphere(whole, method).parameters, analysis.fit_sphere(whole.astype(float), method).parameters
+        analysis.fit_sphere(whole, method).parameters,
+        analysis.fit_sphere(whole.astype(float), method).parameters,
     )
 
 
@@ -583,10 +724,14 @@ def test_inputs_stay_and_results_are_frozen(method):
 def test_repr_says_what_was_found():
     found = "SphereFit(method='igg3_wtls', a=9.99995, b=9.99995, c=1.00103, r=14.1414, 495 of 500 points in use; "
     assert repr(analysis.fit_sphere(GROSS, "igg3_wtls")).startswith(found)
-    assert repr(analysis.fit_sphere(np.stack([CLEAN, GROSS]), "ls")) == "SphereFit(method='ls', stack of shape (2,), 2 converged)"
+    assert (
+        repr(analysis.fit_sphere(np.stack([CLEAN, GROSS]), "ls"))
+        == "SphereFit(method='ls', stack of shape (2,), 2 converged)"
+    )
 
 
-# ------------------------------------------------------------------------------ what does not converge
+# ------------------------------------------------------------------------------ what does not
+# converge
 
 
 @pytest.mark.parametrize("method", ["wtls", "igg3_wtls"])
@@ -612,7 +757,9 @@ def test_warning_points_at_the_caller():
 
 @pytest.mark.parametrize("power", [1, 2])
 def test_weights_that_collapse_are_no_result(power):
-    """Cumulative weights with σ0 as the scale, a length of another kind: at most one point keeps a weight."""
+    """Cumulative weights with σ0 as the scale, a length of another kind: at most one point keeps a
+    weight.
+    """
     fit = fit_quietly(GROSS, "igg3_wtls", scale="unit", power=power)
     assert fit.inliers.sum() < 4
     assert not fit.converged
@@ -620,13 +767,17 @@ def test_weights_that_collapse_are_no_result(power):
 
 
 def test_cumulative_weights_with_their_own_rms_collapse():
-    """Of five hundred points a handful is left, and it calls itself converged: that is what the rule does."""
+    """Of five hundred points a handful is left, and it calls itself converged: that is what the
+    rule does.
+    """
     fit = fit_quietly(GROSS, "igg3_wtls", scale="rms_w")
     assert 4 <= fit.inliers.sum() < 20
 
 
 def test_sphere_with_negative_squared_radius():
-    """δ + |k|² < 0 happens by rounding alone (far away pure TLS meets it), so it is asked of the common ending."""
+    """δ + |k|² < 0 happens by rounding alone (far away pure TLS meets it), so it is asked of the
+    common ending.
+    """
     cloud = sphere.reduce(directions(20)[None], None)
     fit = cloud.finished("tls", np.array([[0.0, 0.0, 0.0, -1.0]]), np.eye(4)[None], np.ones(1))
     assert np.isnan(fit.radius[0]) and not fit.converged[0]
@@ -671,7 +822,10 @@ def with_value(value):
         ([], r"points: expected shape \(…, n, 3\), got \(0,\)"),
         (GROSS[:3], r"points: expected at least 4 points for a sphere, got 3 \(shape \(3, 3\)\)"),
         (np.empty((0, 3)), "points: expected at least 4 points for a sphere, got 0"),
-        (np.empty((0, 9, 3)), r"points: expected at least one cloud, got an empty stack of shape \(0, 9, 3\)"),
+        (
+            np.empty((0, 9, 3)),
+            r"points: expected at least one cloud, got an empty stack of shape \(0, 9, 3\)",
+        ),
         ("points.xyz", "points: expected an array of real numbers, got dtype"),
         ([["1", "2", "3"]] * 5, "points: expected an array of real numbers, got dtype"),
         (GROSS + 1j, "points: expected an array of real numbers, got dtype complex128"),
@@ -703,10 +857,14 @@ def test_bad_points_are_refused(method, points, message):
         (np.full((30, 3), 1.7), "all at one place"),
         (np.zeros((30, 3)), "all at one place"),
     ],
-    ids="flat z,flat x,tilted,small tilted,tiny tilted,circle,small tilted circle,four,line,tilted line,equal,zero".split(","),
+    ids="flat z,flat x,tilted,small tilted,tiny tilted,circle,small tilted circle,four,line,tilted line,equal,zero".split(
+        ","
+    ),
 )
 def test_points_that_determine_no_sphere_are_refused(method, points, place, shift):
-    with pytest.raises(ValueError, match=f"points: expected points that determine a sphere, got points .*{place}"):
+    with pytest.raises(
+        ValueError, match=f"points: expected points that determine a sphere, got points .*{place}"
+    ):
         analysis.fit_sphere(points + shift * np.array([1.0, 0.7, -0.3]), method)
 
 
@@ -730,9 +888,14 @@ def test_flat_cloud_of_a_long_stack_is_named():
         analysis.fit_sphere(stack, "ls")
 
 
-@pytest.mark.parametrize(("angle", "shift", "tolerance"), [(0.05, 0.0, 1e-6), (2.0, 0.0, 1e-9), (2.0, 1e3, 1e-3), (10.0, 1e3, 1e-6)])
+@pytest.mark.parametrize(
+    ("angle", "shift", "tolerance"),
+    [(0.05, 0.0, 1e-6), (2.0, 0.0, 1e-9), (2.0, 1e3, 1e-3), (10.0, 1e3, 1e-6)],
+)
 def test_small_caps_are_not_refused(angle, shift, tolerance):
-    """A cap of 2° of a 72.5 mm sphere is 0.04 mm high, one of 0.05° 28 nm: little, and still a sphere to the points' own digits."""
+    """A cap of 2° of a 72.5 mm sphere is 0.04 mm high, one of 0.05° 28 nm: little, and still a
+    sphere to the points' own digits.
+    """
     points = 0.0725 * directions(100, above=np.cos(np.radians(angle))) + shift
     np.testing.assert_allclose(analysis.fit_sphere(points, "ls").radius, 0.0725, rtol=tolerance)
 

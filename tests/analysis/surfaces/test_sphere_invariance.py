@@ -1,7 +1,7 @@
 """Which sphere methods give the moved sphere for moved points, and which do not, with the reason.
 
-Exact points would hide it: there every method gives the truth. The points here are a cap of unit radius with 2 % noise, near enough to the
-origin for its place to matter.
+Exact points would hide it: there every method gives the truth. The points here are a cap of unit
+radius with 2 % noise, near enough to the origin for its place to matter.
 """
 
 import warnings
@@ -29,7 +29,10 @@ def rotated(points):
 MOTIONS = {
     "translation": (lambda p: p + SHIFT, lambda k, r: (k + SHIFT, r)),
     "rotation about the origin": (rotated, lambda k, r: (rotated(k), r)),
-    "rotation about elsewhere": (lambda p: rotated(p - SHIFT) + SHIFT, lambda k, r: (rotated(k - SHIFT) + SHIFT, r)),
+    "rotation about elsewhere": (
+        lambda p: rotated(p - SHIFT) + SHIFT,
+        lambda k, r: (rotated(k - SHIFT) + SHIFT, r),
+    ),
     "scale": (lambda p: FACTOR * p, lambda k, r: (FACTOR * k, FACTOR * r)),
     "permutation": (lambda p: p[ORDER], lambda k, r: (k, r)),
 }
@@ -39,13 +42,28 @@ ABOUT_THE_ORIGIN = ("rotation about the origin", "permutation")
 # What each method has, and why it has nothing more.
 INVARIANCES = {
     "ls": (EVERYTHING, "r = |p − k|² − R² knows no frame, and a new unit multiplies all r alike"),
-    "tls": (ABOUT_THE_ORIGIN, "Σr²/(1 + |X|²) holds |k| from the origin, δ, and numbers in m beside numbers in m²"),
-    "mixed_ls_tls": (ABOUT_THE_ORIGIN, "Σr²/(1 + |k|²) holds |k| from the origin, and adds the number 1 to m²"),
-    "wtls": ((*ABOUT_THE_ORIGIN, "scale"), "the weights 1/(|p|² + |k|²) hold distances from the origin, all in m²"),
-    "igg3_wtls": ((*ABOUT_THE_ORIGIN, "scale"), "as wtls; its tolerance, in m and m², is absolute, so scale holds to the tolerance"),
+    "tls": (
+        ABOUT_THE_ORIGIN,
+        "Σr²/(1 + |X|²) holds |k| from the origin, δ, and numbers in m beside numbers in m²",
+    ),
+    "mixed_ls_tls": (
+        ABOUT_THE_ORIGIN,
+        "Σr²/(1 + |k|²) holds |k| from the origin, and adds the number 1 to m²",
+    ),
+    "wtls": (
+        (*ABOUT_THE_ORIGIN, "scale"),
+        "the weights 1/(|p|² + |k|²) hold distances from the origin, all in m²",
+    ),
+    "igg3_wtls": (
+        (*ABOUT_THE_ORIGIN, "scale"),
+        "as wtls; its tolerance, in m and m², is absolute, so scale holds to the tolerance",
+    ),
     "eiv": (EVERYTHING, "its weights 1/|p − k|² hold distances from the centre"),
     "geometric": (EVERYTHING, "it holds distances from the surface"),
-    "robust": (EVERYTHING, "it holds distances from the surface, and its samples do not depend on the order of the points"),
+    "robust": (
+        EVERYTHING,
+        "it holds distances from the surface, and its samples do not depend on the order of the points",
+    ),
 }
 OPTIONS = {"igg3_wtls": {"tolerance": 1e-11}}
 
@@ -53,12 +71,16 @@ OPTIONS = {"igg3_wtls": {"tolerance": 1e-11}}
 def cloud():
     generator = np.random.default_rng(3)
     z, angle = generator.uniform(0.2, 1.0, 80), generator.uniform(0, 2 * np.pi, 80)
-    radial = np.column_stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z])
+    radial = np.column_stack(
+        [np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z]
+    )
     return np.array([1.0, 0.5, 0.2]) + (1 + 0.02 * generator.standard_normal((80, 1))) * radial
 
 
 def parameters(points, method):
-    """(a, b, c, r); igg3_wtls steps on at rounding level when its tolerance is that low, which is no matter here."""
+    """(a, b, c, r); igg3_wtls steps on at rounding level when its tolerance is that low, which is
+    no matter here.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         return analysis.fit_sphere(points, method, **OPTIONS.get(method, {})).parameters

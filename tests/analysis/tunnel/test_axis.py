@@ -1,4 +1,6 @@
-"""The axis of a tunnel: exact tunnels give the truth, the printed axis shows its hazards, the robust one does not."""
+"""The axis of a tunnel: exact tunnels give the truth, the printed axis shows its hazards, the
+robust one does not.
+"""
 
 import numpy as np
 import pytest
@@ -20,10 +22,18 @@ def turned(heading):
 
 
 class Tunnel:
-    """A tunnel on a horizontal arc (or straight: ``curve`` infinite) with a constant grade, anywhere, in any direction."""
+    """A tunnel on a horizontal arc (or straight: ``curve`` infinite) with a constant grade,
+    anywhere, in any direction.
+    """
 
     def __init__(self, length=60.0, curve=CURVE, grade=0.015, heading=0.0, origin=(0.0, 0.0, 0.0)):
-        self.length, self.curve, self.grade, self.turn, self.origin = length, curve, grade, turned(heading), np.array(origin)
+        self.length, self.curve, self.grade, self.turn, self.origin = (
+            length,
+            curve,
+            grade,
+            turned(heading),
+            np.array(origin),
+        )
 
     def axis(self, s):
         """Axis points and unit tangents at horizontal distances s, (n, 3)."""
@@ -33,11 +43,17 @@ class Tunnel:
         straight_on = np.isinf(self.curve)
         x = np.zeros_like(s) if straight_on else self.curve * (1 - ahead)
         y = s - 0.5 * self.length if straight_on else self.curve * across
-        tangent = np.stack([across, ahead, np.full_like(s, self.grade)], axis=-1) / np.hypot(1, self.grade)
-        return np.stack([x, y, self.grade * s], axis=-1) @ self.turn.T + self.origin, tangent @ self.turn.T
+        tangent = np.stack([across, ahead, np.full_like(s, self.grade)], axis=-1) / np.hypot(
+            1, self.grade
+        )
+        return np.stack(
+            [x, y, self.grade * s], axis=-1
+        ) @ self.turn.T + self.origin, tangent @ self.turn.T
 
     def points(self, n, rng, sigma=0.0, bed=0.0, cable=0.0, ovality=0.0):
-        """n points of the lining; a track bed hides ``bed`` m of the invert, a cable hangs ``cable`` m before the right wall."""
+        """n points of the lining; a track bed hides ``bed`` m of the invert, a cable hangs
+        ``cable`` m before the right wall.
+        """
         s, a = rng.uniform(0.0, self.length, n), rng.uniform(-np.pi, np.pi, n)
         r = RADIUS + ovality * np.cos(2 * a) + sigma * rng.standard_normal(n)
         u = r * np.sin(a) - cable * (np.abs(a - 0.5 * np.pi) < 0.1)
@@ -48,7 +64,9 @@ class Tunnel:
         return p + u[:, None] * right + v[:, None] * np.cross(right, t)
 
     def errors(self, axis, margin=1.0):
-        """Largest error of the axis in position (horizontal, up; m) and direction between the ends, less a margin."""
+        """Largest error of the axis in position (horizontal, up; m) and direction between the ends,
+        less a margin.
+        """
         p, t = self.axis(np.linspace(margin, self.length - margin, 300))
         y = axis.foot(p)
         d = axis.position(y) - p
@@ -87,7 +105,9 @@ def test_chainage_is_the_arc_length_and_its_inverse_returns():
     y = np.array([-20.0, -3.0, 12.5, 45.0])
     for end, s in zip(y, axis.chainage(y), strict=True):
         a = axis.quadratics
-        speed = lambda v: np.sqrt(1 + (a[0, 1] + 2 * a[0, 2] * v) ** 2 + (a[1, 1] + 2 * a[1, 2] * v) ** 2)  # noqa: B023, E731
+        speed = lambda v: np.sqrt(
+            1 + (a[0, 1] + 2 * a[0, 2] * v) ** 2 + (a[1, 1] + 2 * a[1, 2] * v) ** 2
+        )  # noqa: B023, E731
         assert s == pytest.approx(quad(speed, -20.0, end, epsabs=1e-13)[0], abs=1e-10)
     assert np.allclose(axis.at_chainage(axis.chainage(y)), y, atol=1e-10)
     assert axis.chainage(-20.0) == 0.0 and axis.length == pytest.approx(axis.chainage(45.0))
@@ -126,7 +146,9 @@ def test_foot_points_satisfy_the_printed_cubic():
 def test_foot_points_do_not_depend_on_the_block(monkeypatch):
     axis, points = curved_axis(), SITE + np.random.default_rng(1).uniform(-5.0, 5.0, (1000, 3))
     whole = axis.foot(points)
-    monkeypatch.setattr(module, "pieces", lambda count: [slice(k, k + 77) for k in range(0, count, 77)])
+    monkeypatch.setattr(
+        module, "pieces", lambda count: [slice(k, k + 77) for k in range(0, count, 77)]
+    )
     assert np.allclose(axis.foot(points), whole, atol=1e-12)
     assert axis.foot(np.empty((0, 3))).shape == (0,)
 
@@ -135,13 +157,17 @@ def test_axis_continues_straight_beyond_its_ends():
     axis = curved_axis()
     ends = axis.position(np.array([45.0, 46.0, 47.0]))
     assert np.allclose(ends[2] - ends[1], ends[1] - ends[0], atol=1e-8)
-    assert axis.chainage(47.0) == pytest.approx(axis.length + np.linalg.norm(ends[2] - ends[0]), abs=1e-8)
+    assert axis.chainage(47.0) == pytest.approx(
+        axis.length + np.linalg.norm(ends[2] - ends[0]), abs=1e-8
+    )
 
 
 def test_straight_axis():
     axis = straight(SITE, SITE + [30.0, -40.0, 1.0])
     assert axis.length == pytest.approx(np.sqrt(2501.0))
-    assert np.allclose(axis.position(axis.at_chainage(axis.length)), SITE + [30.0, -40.0, 1.0], atol=1e-9)
+    assert np.allclose(
+        axis.position(axis.at_chainage(axis.length)), SITE + [30.0, -40.0, 1.0], atol=1e-9
+    )
     with pytest.raises(ValueError, match="horizontal distance"):
         straight([0, 0, 0], [0, 0, 5])
 
@@ -153,7 +179,8 @@ def test_straight_axis():
 def test_local_frame_runs_along_the_tunnel_however_dense_the_points(heading):
     tunnel, rng = Tunnel(80.0, curve=np.inf, heading=heading, origin=SITE), np.random.default_rng(2)
     near = tunnel.points(40_000, rng)
-    crowd = Tunnel(6.0, curve=np.inf, heading=heading, origin=SITE).points(200_000, rng)  # around a scanner
+    # around a scanner
+    crowd = Tunnel(6.0, curve=np.inf, heading=heading, origin=SITE).points(200_000, rng)
     rotation = local_frame(np.concatenate([near, crowd]))[1]
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-14) and np.linalg.det(rotation) > 0
     assert abs(rotation[1] @ tunnel.turn[:, 1]) > np.cos(np.radians(1.0))
@@ -163,7 +190,9 @@ def test_local_frame_runs_along_the_tunnel_however_dense_the_points(heading):
 
 
 def full_rings(y, x_of, z_of):
-    """Rings of 360 points at each y: exact tunnels whose section in planes of constant y is a circle."""
+    """Rings of 360 points at each y: exact tunnels whose section in planes of constant y is a
+    circle.
+    """
     a = np.radians(np.arange(360.0))
     y = np.repeat(y, 360)
     a = np.tile(a, len(y) // 360)
@@ -172,8 +201,11 @@ def full_rings(y, x_of, z_of):
 
 def test_printed_axis_of_exact_rings_gives_the_quadratics():
     y = 5.0 + 0.1 * np.arange(300) + 0.05  # one ring in the middle of every bin
-    points = full_rings(y, lambda y: 1.0 - 0.1 * y + 0.002 * y**2, lambda y: 3.0 + 0.02 * y - 1e-4 * y**2)
-    points = np.concatenate([points, [[points[:, 0].mean(), 5.0, 3.0]]])  # so that the bins begin at 5
+    points = full_rings(
+        y, lambda y: 1.0 - 0.1 * y + 0.002 * y**2, lambda y: 3.0 + 0.02 * y - 1e-4 * y**2
+    )
+    # so that the bins begin at 5
+    points = np.concatenate([points, [[points[:, 0].mean(), 5.0, 3.0]]])
     axis = printed_axis(points)
     assert np.allclose(axis.quadratics, [[1.0, -0.1, 0.002], [3.0, 0.02, -1e-4]], atol=2e-4)
     centers, middle = mid_values(points)
@@ -189,8 +221,13 @@ def test_printed_axis_in_another_frame_is_the_same_curve():
 
 
 def test_hazard_cut_end_bins_pull_the_printed_axis():
-    """A tunnel cut across its axis, askew to Y by 0.1: the bins within R·slope of the ends hold part of the ring."""
-    tunnel, rng = Tunnel(60.0, curve=np.inf, grade=0.0, heading=np.degrees(np.arctan(-0.1))), np.random.default_rng(6)
+    """A tunnel cut across its axis, askew to Y by 0.1: the bins within R·slope of the ends hold
+    part of the ring.
+    """
+    tunnel, rng = (
+        Tunnel(60.0, curve=np.inf, grade=0.0, heading=np.degrees(np.arctan(-0.1))),
+        np.random.default_rng(6),
+    )
     points = tunnel.points(300_000, rng)
     whole = tunnel.errors(printed_axis(points))[0]
     y = points[:, 1]
@@ -203,20 +240,28 @@ def test_hazard_track_bed_lifts_the_printed_axis_by_half_of_what_it_hides():
     points = tunnel.points(200_000, rng, bed=0.704)
     printed, robust = printed_axis(points), robust_axis(points)
     assert np.allclose(printed.position(np.linspace(-15, 15, 9))[:, 2], 0.352, atol=0.003)
-    assert np.abs(printed.tangent(np.linspace(-15, 15, 9))[:, [0, 2]]).max() < 1e-3  # but it stays parallel
+    # but it stays parallel
+    assert np.abs(printed.tangent(np.linspace(-15, 15, 9))[:, [0, 2]]).max() < 1e-3
     assert tunnel.errors(robust)[1] < 5e-4
 
 
 def test_hazard_cable_moves_the_printed_axis_by_half_of_its_depth():
     tunnel, rng = Tunnel(40.0, curve=np.inf, grade=0.0), np.random.default_rng(8)
-    # The cable hides the springline: what is left of the wall beside it still reaches R cos(0.1 rad).
+    # The cable hides the springline: what is left of the wall beside it still reaches R cos(0.1
+    # rad).
     points = tunnel.points(200_000, rng, cable=0.15)
     hidden = RADIUS * (1 - np.cos(0.1))
-    assert np.median(printed_axis(points).position(np.linspace(-15, 15, 9))[:, 0]) == pytest.approx(-0.5 * hidden, abs=0.002)
+    assert np.median(printed_axis(points).position(np.linspace(-15, 15, 9))[:, 0]) == pytest.approx(
+        -0.5 * hidden, abs=0.002
+    )
     # A tray whose face is the last thing seen on the right, as deep as its depth.
     v = points[:, 2]
-    points[:, 0] = np.where((points[:, 0] > 0) & (np.abs(v) < 1.3), np.minimum(points[:, 0], RADIUS - 0.3), points[:, 0])
-    assert np.median(printed_axis(points).position(np.linspace(-15, 15, 9))[:, 0]) == pytest.approx(-0.15, abs=0.003)
+    points[:, 0] = np.where(
+        (points[:, 0] > 0) & (np.abs(v) < 1.3), np.minimum(points[:, 0], RADIUS - 0.3), points[:, 0]
+    )
+    assert np.median(printed_axis(points).position(np.linspace(-15, 15, 9))[:, 0]) == pytest.approx(
+        -0.15, abs=0.003
+    )
     assert tunnel.errors(robust_axis(points))[0] < 1e-3
 
 
@@ -244,12 +289,18 @@ def test_hazard_one_quadratic_does_not_follow_a_long_arc():
 )
 @pytest.mark.parametrize("kind", ["exact", "real"])
 def test_robust_axis_is_the_truth(tunnel, kind):
-    clutter = {"exact": {}, "real": {"sigma": 0.003, "bed": 0.704, "cable": 0.13, "ovality": 0.008}}[kind]
-    axis = robust_axis(tunnel.points(int(1000 * tunnel.length), np.random.default_rng(10), **clutter))
+    clutter = {
+        "exact": {},
+        "real": {"sigma": 0.003, "bed": 0.704, "cable": 0.13, "ovality": 0.008},
+    }[kind]
+    axis = robust_axis(
+        tunnel.points(int(1000 * tunnel.length), np.random.default_rng(10), **clutter)
+    )
     horizontal, up, direction = tunnel.errors(axis)
     assert axis.converged and axis.stop_reason == "the axis stands still"
     assert max(horizontal, up) < 0.001 and direction < 4e-4
-    assert -2.0 < axis.length - tunnel.length * np.hypot(1, tunnel.grade) < 0.05  # to the ends less a slab that is not full
+    # to the ends less a slab that is not full
+    assert -2.0 < axis.length - tunnel.length * np.hypot(1, tunnel.grade) < 0.05
 
 
 def test_robust_axis_is_not_pulled_by_stray_points_or_a_spoiled_stretch():
@@ -267,7 +318,8 @@ def test_robust_axis_moves_and_turns_with_the_points():
     axis, moved = robust_axis(points), robust_axis(points @ turned(35.0).T + SITE)
     at = np.linspace(2.0, 36.0, 20)
     there = axis.position(axis.at_chainage(at)) @ turned(35.0).T + SITE
-    assert np.linalg.norm(moved.position(moved.foot(there)) - there, axis=-1).max() < 5e-4  # other slabs, other medians
+    # other slabs, other medians
+    assert np.linalg.norm(moved.position(moved.foot(there)) - there, axis=-1).max() < 5e-4
 
 
 def test_robust_axis_of_a_sample_of_many_points(monkeypatch):
@@ -275,7 +327,9 @@ def test_robust_axis_of_a_sample_of_many_points(monkeypatch):
     points = tunnel.points(200_000, rng, sigma=0.003)
     monkeypatch.setattr(module, "SAMPLE", 50_000)
     first, again, other = robust_axis(points), robust_axis(points), robust_axis(points, seed=1)
-    assert np.array_equal(first.coefficients, again.coefficients) and not np.array_equal(first.coefficients, other.coefficients)
+    assert np.array_equal(first.coefficients, again.coefficients) and not np.array_equal(
+        first.coefficients, other.coefficients
+    )
     assert max(tunnel.errors(first)[:2]) < 0.002
 
 
@@ -306,7 +360,10 @@ GOOD = Tunnel(20.0, curve=np.inf).points(20_000, np.random.default_rng(16))
     [
         (lambda: robust_axis(GOOD[:50]), "at least 100 points for a tunnel axis, got 50"),
         (lambda: robust_axis(1000.0 * GOOD), "are these metres"),
-        (lambda: robust_axis(1000.0 * GOOD, slab=1000.0), "radius of 0.3 to 30 m, got about 269.*are these metres"),
+        (
+            lambda: robust_axis(1000.0 * GOOD, slab=1000.0),
+            "radius of 0.3 to 30 m, got about 269.*are these metres",
+        ),
         (lambda: robust_axis(GOOD[:, [0, 2, 1]]), "with Z up, in m; got"),
         (lambda: robust_axis(GOOD[np.abs(GOOD[:, 1]) < 1.0]), "1.5 times as long as wide and high"),
         (lambda: robust_axis(GOOD[:200]), "at least 3 slabs of 1 m with 20 points"),
@@ -318,7 +375,10 @@ GOOD = Tunnel(20.0, curve=np.inf).points(20_000, np.random.default_rng(16))
         (lambda: printed_axis(GOOD, step=-1.0), "step: expected a positive"),
         (lambda: printed_axis(GOOD, step=11.0), "at least 3 occupied bins"),
         (lambda: printed_axis(GOOD, step=1e-5), "bins that hold points"),
-        (lambda: robust_axis(Tunnel(130.0).points(40_000, np.random.default_rng(1))).quadratics, "cubic spline of"),
+        (
+            lambda: robust_axis(Tunnel(130.0).points(40_000, np.random.default_rng(1))).quadratics,
+            "cubic spline of",
+        ),
     ],
 )
 def test_bad_input_is_refused(call, message):

@@ -1,4 +1,6 @@
-"""Two epochs compared: nothing changes by itself, what is put in comes out, and what cannot be compared is refused."""
+"""Two epochs compared: nothing changes by itself, what is put in comes out, and what cannot be
+compared is refused.
+"""
 
 import re
 
@@ -19,10 +21,16 @@ MIDDLE = 1  # the section where the ring is ovalised most
 
 
 def tube(seed, *, ovalised=0.0, count=8_000, start=0.0, end=LENGTH, open_to=OPEN_TO):
-    """Points of a round tunnel along Y, its invert hidden; ``ovalised`` (m): down at the crown and out at the sides around the middle."""
+    """Points of a round tunnel along Y, its invert hidden; ``ovalised`` (m): down at the crown and
+    out at the sides around the middle.
+    """
     rng = np.random.default_rng(seed)
     alpha, y = rng.uniform(-open_to, open_to, count), rng.uniform(start, end, count)
-    rho = RADIUS + NOISE * rng.standard_normal(count) - ovalised * np.cos(2.0 * alpha) * np.exp(-((y - 0.5 * (start + end)) ** 2))
+    rho = (
+        RADIUS
+        + NOISE * rng.standard_normal(count)
+        - ovalised * np.cos(2.0 * alpha) * np.exp(-((y - 0.5 * (start + end)) ** 2))
+    )
     points = np.column_stack([rho * np.sin(alpha), y, rho * np.cos(alpha)])
     points.flags.writeable = False
     return points
@@ -51,7 +59,9 @@ def result(quiet, oval):
 def test_an_epoch_has_not_changed_against_itself(quiet):
     same = compare(quiet, quiet, axis=AXIS, registration=0.0, **CUT)
     directions, table = same.by_direction(), same.table()
-    assert (directions["difference_mm"].dropna() == 0).all() and directions["difference_mm"].notna().mean() > 0.95
+    assert (directions["difference_mm"].dropna() == 0).all() and directions[
+        "difference_mm"
+    ].notna().mean() > 0.95
     assert not directions["significant"].any() and set(directions["class"]) <= {"black", "gap"}
     assert not table["flagged"].any() and not table["changed"].any()
     assert (table["p_value"] == 1).all() and (table["largest_change_mm"] == 0).all()
@@ -61,7 +71,9 @@ def test_an_ovalised_stretch_comes_out_where_it_was_put_in(result):
     table = result.table()
     row = table.iloc[MIDDLE]
     assert abs(row["crown_settlement_mm"] - 20.0) < 3 * row["crown_settlement_sd_mm"] < 5.0
-    assert abs(row["horizontal_convergence_mm"] - 40.0) < 3 * row["horizontal_convergence_sd_mm"] < 5.0
+    assert (
+        abs(row["horizontal_convergence_mm"] - 40.0) < 3 * row["horizontal_convergence_sd_mm"] < 5.0
+    )
     assert abs(abs(row["largest_change_mm"]) - 20.0) < 3 * row["largest_change_sd_mm"]
     assert row["flagged"] and row["changed"] and row["seen_percent"] == 100.0
     far = table.iloc[[0, 2]]  # e⁻⁶ of it is left there: 0.05 mm
@@ -93,20 +105,25 @@ def test_the_registration_is_in_the_standard_deviations(quiet, oval):
     exact = compare(quiet, oval, axis=AXIS, registration=0.0, **CUT).table()
     found = compare(quiet, oval, axis=AXIS, registration=covariances, **CUT).table()
     added = found["crown_settlement_sd_mm"] ** 2 - exact["crown_settlement_sd_mm"] ** 2
-    np.testing.assert_allclose(added, [1, 2, 3], rtol=0.02)  # the ovalised ring is not level everywhere above the axis
+    # the ovalised ring is not level everywhere above the axis
+    np.testing.assert_allclose(added, [1, 2, 3], rtol=0.02)
     pd.testing.assert_series_equal(found["crown_settlement_mm"], exact["crown_settlement_mm"])
 
 
 def test_direction_and_site_coordinates_do_not_matter(quiet, oval, result):
     shift = np.array([500_000.0, 4_000_000.0, 123.0])
     ends = turned(np.array([[0.0, 0.0, 0.0], [0.0, LENGTH, 0.0]]), 130.0, shift)
-    elsewhere = compare(turned(quiet, 130.0, shift), turned(oval, 130.0, shift), axis=straight(*ends), **CUT)
+    elsewhere = compare(
+        turned(quiet, 130.0, shift), turned(oval, 130.0, shift), axis=straight(*ends), **CUT
+    )
     pd.testing.assert_frame_equal(elsewhere.table(), result.table(), rtol=1e-3, atol=1e-3)
 
 
 def test_the_other_sense_of_the_axis_is_the_mirror_image(quiet, oval, result):
     reversed_axis = straight([0.0, LENGTH, 0.0], [0.0, 0.0, 0.0])
-    mirrored = compare(quiet, oval, axis=reversed_axis, chainages=LENGTH - np.array(CHAINAGES), thickness=0.4)
+    mirrored = compare(
+        quiet, oval, axis=reversed_axis, chainages=LENGTH - np.array(CHAINAGES), thickness=0.4
+    )
     for one, other in zip(result.sections, mirrored.sections, strict=True):
         np.testing.assert_allclose(other.change.difference[::-1], one.change.difference, atol=5e-5)
         assert other.significance.changed == one.significance.changed
@@ -114,7 +131,10 @@ def test_the_other_sense_of_the_axis_is_the_mirror_image(quiet, oval, result):
 
 def test_the_axis_is_found_and_the_steps_are_reported():
     steps, place = [], [5e5, 4e6, 0.0]
-    quiet, oval = (turned(tube(seed, ovalised=ovalised, end=9.0, count=12_000), 33.0, place) for seed, ovalised in ((6, 0.0), (7, 0.02)))
+    quiet, oval = (
+        turned(tube(seed, ovalised=ovalised, end=9.0, count=12_000), 33.0, place)
+        for seed, ovalised in ((6, 0.0), (7, 0.02))
+    )
     found = compare(quiet, oval, spacing=2.0, thickness=0.4, report=steps.append)
     assert tuple(steps) == STEPS
     assert found.converged and abs(found.axis.length - 9.0) < 1.0
@@ -123,7 +143,9 @@ def test_the_axis_is_found_and_the_steps_are_reported():
     assert 0.0 <= chainages[0] < 0.5 and found.axis.length - chainages[-1] < 2.5
     y = [turned(section.sections[0].position - place, -33.0, 0.0)[1] for section in found.sections]
     settled, table = 20.0 * np.exp(-((np.array(y) - 4.5) ** 2)), found.table()
-    assert (np.abs(table["crown_settlement_mm"] - settled) < 3 * table["crown_settlement_sd_mm"]).all() and settled.max() > 15.0
+    assert (
+        np.abs(table["crown_settlement_mm"] - settled) < 3 * table["crown_settlement_sd_mm"]
+    ).all() and settled.max() > 15.0
 
 
 def test_a_section_unseen_in_one_epoch_says_so(quiet, oval, result):
@@ -135,8 +157,12 @@ def test_a_section_unseen_in_one_epoch_says_so(quiet, oval, result):
     assert unseen["points_2"] == 0 and unseen["seen_percent"] == 0.0
     assert unseen[["p_value", "largest_change_mm", "crown_settlement_mm"]].isna().all()
     assert unseen["note"] == "0 points of lining in the second epoch, 50 are needed"
-    assert 0 < partly["seen_percent"] < 50 and partly["note"].endswith("% of the directions seen in both epochs, 50 % are needed")
-    assert not table.loc[[0, 2], ["flagged", "changed"]].to_numpy().any() and not np.isnan(partly["p_value"])
+    assert 0 < partly["seen_percent"] < 50 and partly["note"].endswith(
+        "% of the directions seen in both epochs, 50 % are needed"
+    )
+    assert not table.loc[[0, 2], ["flagged", "changed"]].to_numpy().any() and not np.isnan(
+        partly["p_value"]
+    )
     assert table.loc[MIDDLE, "changed"] and table.loc[MIDDLE, "note"] == "" and found.converged
     directions = found.sections[0].by_direction()
     assert set(directions["class"]) == {"gap"} and directions["ellipse_difference_mm"].isna().all()
@@ -144,13 +170,16 @@ def test_a_section_unseen_in_one_epoch_says_so(quiet, oval, result):
 
 
 def test_the_largest_change_is_one_that_is_seen(quiet, oval):
-    unseen = np.abs(np.arctan2(oval[:, 0], oval[:, 2])) < np.radians(30.0)  # the crown of the second epoch
+    # the crown of the second epoch
+    unseen = np.abs(np.arctan2(oval[:, 0], oval[:, 2])) < np.radians(30.0)
     row = compare(quiet, oval[~unseen], axis=AXIS, **CUT).table().iloc[MIDDLE]
     assert abs(row["at_deg"]) > 60.0 and 15.0 < row["largest_change_mm"] < 25.0
 
 
 def test_the_sections_hold_points_of_the_lining_only(quiet, oval):
-    cable = np.column_stack([np.full(2000, -2.45), np.linspace(0, LENGTH, 2000), np.full(2000, 0.6)])
+    cable = np.column_stack(
+        [np.full(2000, -2.45), np.linspace(0, LENGTH, 2000), np.full(2000, 0.6)]
+    )
     cluttered = np.concatenate([oval, cable])
     found = compare(quiet, cluttered, axis=AXIS, **CUT)
     for section in found.sections:
@@ -163,7 +192,8 @@ def test_the_sections_hold_points_of_the_lining_only(quiet, oval):
 def test_epochs_that_overlap_partly_are_compared_where_they_do(quiet):
     later = tube(5, start=3.0, end=LENGTH + 3.0)
     beyond = later[:, 1] > LENGTH + 1.0
-    later = np.where(beyond[:, None], later + [20.0, 0.0, 0.0], later)  # where no axis is known it may lead elsewhere
+    # where no axis is known it may lead elsewhere
+    later = np.where(beyond[:, None], later + [20.0, 0.0, 0.0], later)
     found = compare(quiet, later, axis=AXIS, spacing=1.3, thickness=0.4)
     chainages = [section.chainage for section in found.sections]
     assert 3.0 <= chainages[0] < 3.1 and chainages[-1] < LENGTH and len(chainages) == 3
@@ -188,26 +218,40 @@ def refusal(first, second, **options):
 
 
 def test_millimetres_are_refused(quiet, oval):
-    assert (message := refusal(1000 * tube(8, end=9.0), oval)).startswith("first: points: ") and "are these metres" in message
-    assert refusal(quiet, 1000 * oval, axis=AXIS).startswith("second: expected an epoch in the unit (m) and system of the first")
+    assert (message := refusal(1000 * tube(8, end=9.0), oval)).startswith(
+        "first: points: "
+    ) and "are these metres" in message
+    assert refusal(quiet, 1000 * oval, axis=AXIS).startswith(
+        "second: expected an epoch in the unit (m) and system of the first"
+    )
 
 
 def test_another_place_is_refused(quiet, oval):
     for far in ([5e5, 4e6, 0.0], [0.0, 40.0, 0.0]):
         message = refusal(quiet, oval + far, axis=AXIS)
-        assert message.startswith("second: expected an epoch in the unit (m) and system of the first that overlaps with it")
+        assert message.startswith(
+            "second: expected an epoch in the unit (m) and system of the first that overlaps with it"
+        )
     message = refusal(quiet, oval + [8.0, 0.0, 0.0], axis=AXIS)
-    assert message.startswith("second: ") and re.search(r"half of whose points lie within 2\.\d+ m of its axis; got [78]\.\d+ m", message)
+    assert message.startswith("second: ") and re.search(
+        r"half of whose points lie within 2\.\d+ m of its axis; got [78]\.\d+ m", message
+    )
 
 
 def test_no_tunnel_is_refused(quiet, oval):
-    assert "at least 1.5 times as long as wide and high, with Z up" in refusal(tube(8, end=9.0)[:, [0, 2, 1]], oval)
-    assert "at least 1.5 times" in refusal(quiet, oval)  # without an axis a tunnel of 6 m is too short to tell where it runs
+    assert "at least 1.5 times as long as wide and high, with Z up" in refusal(
+        tube(8, end=9.0)[:, [0, 2, 1]], oval
+    )
+    # without an axis a tunnel of 6 m is too short to tell where it runs
+    assert "at least 1.5 times" in refusal(quiet, oval)
     assert refusal(quiet, oval[:10]).startswith("second: points: expected at least 100 points")
     assert refusal(quiet, oval[:, :2]).startswith("second: points: expected shape")
 
 
-@pytest.mark.parametrize("options", [{"spacing": 0.0}, {"thickness": -1.0}, {"registration": -0.001}, {"registration": np.eye(3)}])
+@pytest.mark.parametrize(
+    "options",
+    [{"spacing": 0.0}, {"thickness": -1.0}, {"registration": -0.001}, {"registration": np.eye(3)}],
+)
 def test_bad_values_are_named(options, quiet, oval):
     assert refusal(quiet, oval, axis=AXIS, **options).startswith(next(iter(options)))
 

@@ -1,4 +1,6 @@
-"""The filter of the lining on a small tunnel with labelled attachments, pockets, joints, track bed and a known deformation."""
+"""The filter of the lining on a small tunnel with labelled attachments, pockets, joints, track bed
+and a known deformation.
+"""
 
 from dataclasses import dataclass
 
@@ -30,45 +32,72 @@ class Tunnel:
 
 
 def dent(angle, w):
-    """24 mm inwards at 40° and 5.2 m, falling off within half a metre, and ovality of 12 mm that grows along the tunnel."""
+    """24 mm inwards at 40° and 5.2 m, falling off within half a metre, and ovality of 12 mm that
+    grows along the tunnel.
+    """
     away = np.hypot(R * (angle - np.radians(40)), w - 5.2)
     return 0.012 * np.cos(2 * angle) * w / LENGTH - 0.024 * np.exp(-0.5 * (away / 0.5) ** 2)
 
 
 def tunnel(n=200_000, seed=0, noise=0.003, deformation=dent, station=4.5, wide=False):
-    """Denser near the station, noise of the range 3 mm seen along the normal, rings 1.2 m long that step by up to 2 mm."""
+    """Denser near the station, noise of the range 3 mm seen along the normal, rings 1.2 m long that
+    step by up to 2 mm.
+    """
     generator = np.random.default_rng(seed)
     w = generator.uniform(0, LENGTH, 6 * n)
     w = w[generator.uniform(size=6 * n) < (1 + ((w - station) / R) ** 2) ** -1.5][:n]
     n = len(w)
     angle = generator.uniform(-np.pi, np.pi, n)
     arc = R * angle
-    wall = R + 0.005 * np.cos(2 * angle) + deformation(angle, w) + generator.uniform(-0.002, 0.002, 20)[(w / 1.2).astype(int)]
+    wall = (
+        R
+        + 0.005 * np.cos(2 * angle)
+        + deformation(angle, w)
+        + generator.uniform(-0.002, 0.002, 20)[(w / 1.2).astype(int)]
+    )
     label, height = np.full(n, LINING), np.zeros(n)
 
     def put(where, what, inwards):
         label[where], height[where] = what, inwards
 
     put(np.abs((w + 0.6) % 1.2 - 0.6) < 0.004, JOINT, -0.022)
-    for degrees, width, inwards in ((100, 0.03, 0.03), (96, 0.05, 0.05), (92, 0.04, 0.02), (-95, 0.06, 0.08), (-110, 0.30, 0.15)):
-        put(np.abs(arc - R * np.radians(degrees)) < width / 2, ATTACHMENT, inwards)  # cables and a tray
+    for degrees, width, inwards in (
+        (100, 0.03, 0.03),
+        (96, 0.05, 0.05),
+        (92, 0.04, 0.02),
+        (-95, 0.06, 0.08),
+        (-110, 0.30, 0.15),
+    ):
+        # cables and a tray
+        put(np.abs(arc - R * np.radians(degrees)) < width / 2, ATTACHMENT, inwards)
     for x in np.arange(1.0, LENGTH, 2.4):  # lamps
         put((np.abs(arc - R * np.radians(20)) < 0.1) & (np.abs(w - x) < 0.3), ATTACHMENT, 0.12)
     for x in np.arange(0.6, LENGTH, 1.2):  # bolts and pockets
         for degrees in (-60, -20, 30, 60):
-            put((np.abs(arc - R * np.radians(degrees)) < 0.02) & (np.abs(w - x - 0.1) < 0.02), ATTACHMENT, 0.03)
+            put(
+                (np.abs(arc - R * np.radians(degrees)) < 0.02) & (np.abs(w - x - 0.1) < 0.02),
+                ATTACHMENT,
+                0.03,
+            )
         for degrees in (-70, -35, 5, 70):
-            put((np.abs(arc - R * np.radians(degrees)) < 0.06) & (np.abs(w - x + 0.1) < 0.08), POCKET, -0.06)
+            put(
+                (np.abs(arc - R * np.radians(degrees)) < 0.06) & (np.abs(w - x + 0.1) < 0.08),
+                POCKET,
+                -0.06,
+            )
     if wide:  # cabinets over 50° of the wall, all along
         put((angle > np.radians(-90)) & (angle < np.radians(-40)), ATTACHMENT, 0.25)
     mixed = generator.uniform(size=n) < 0.003
     put(mixed, MIXED, generator.uniform(0.02, 0.3, n)[mixed])
     distance = np.hypot(R, w - station)
-    across = np.hypot(noise * R / distance, 4e-5 * (w - station))  # of range and angles, along the normal
+    # of range and angles, along the normal
+    across = np.hypot(noise * R / distance, 4e-5 * (w - station))
     radius = wall - height + across * generator.standard_normal(n)
     bed = np.abs(angle) > np.radians(135)
     label[bed] = BED
-    radius[bed] = R * np.cos(np.pi / 4) / -np.cos(angle[bed]) + 0.004 * generator.standard_normal(bed.sum())
+    radius[bed] = R * np.cos(np.pi / 4) / -np.cos(angle[bed]) + 0.004 * generator.standard_normal(
+        bed.sum()
+    )
     return Tunnel(np.column_stack([radius * np.sin(angle), w, radius * np.cos(angle)]), label, wall)
 
 
@@ -100,25 +129,39 @@ def test_the_deformation_is_the_same_after_filtering(deformed, filtered):
     assert result["largest_intrusion"] < 0.3
 
 
-@pytest.mark.parametrize("deformation", [lambda angle, w: 0.025 * np.cos(2 * angle) * w / LENGTH, lambda angle, w: 0.0 * angle])
+@pytest.mark.parametrize(
+    "deformation",
+    [lambda angle, w: 0.025 * np.cos(2 * angle) * w / LENGTH, lambda angle, w: 0.0 * angle],
+)
 def test_elliptic_and_no_deformation(deformation):
     one = tunnel(seed=1, deformation=deformation)
     result = effect(filter_lining(one.points, AXIS), one.points, AXIS, *one.truth)
-    assert result["found"] >= 0.995 and result["lost"] <= 0.005 and result["largest_change"] < 0.3 and result["emptied"] == 0
+    assert (
+        result["found"] >= 0.995
+        and result["lost"] <= 0.005
+        and result["largest_change"] < 0.3
+        and result["emptied"] == 0
+    )
 
 
 def test_the_deformation_between_two_surveys_with_the_same_noise(deformed, filtered):
-    """Kept points of a deformed tunnel against those of the undeformed one, cell by cell; what noise does to each alone drops out."""
+    """Kept points of a deformed tunnel against those of the undeformed one, cell by cell; what
+    noise does to each alone drops out.
+    """
     before = tunnel(deformation=lambda angle, w: 0.0 * angle)
     kept = filter_lining(before.points, AXIS).lining & (before.label == LINING)
     still_kept = filtered.lining & (deformed.label == LINING)
     _, radius, angle = AXIS.polar(before.points)
     now = AXIS.polar(deformed.points)[1]
-    cell = np.floor((angle + np.pi) / np.radians(5)).astype(int) * 100 + np.floor(before.points[:, 1] / 0.3).astype(int)
+    cell = np.floor((angle + np.pi) / np.radians(5)).astype(int) * 100 + np.floor(
+        before.points[:, 1] / 0.3
+    ).astype(int)
     cells = np.flatnonzero(np.bincount(cell, kept & (np.abs(angle) < np.radians(135))) >= 100)
 
     def mean(values, where):
-        return (np.bincount(cell, np.where(where, values, 0)) / np.maximum(np.bincount(cell, where), 1))[cells]
+        return (
+            np.bincount(cell, np.where(where, values, 0)) / np.maximum(np.bincount(cell, where), 1)
+        )[cells]
 
     lining = deformed.label == LINING
     true = mean(now, lining) - mean(radius, lining)
@@ -131,16 +174,27 @@ def test_one_cylinder_and_a_fixed_limit_delete_the_deformation(deformed):
     table = compare_rules(deformed.points, AXIS, *deformed.truth)
     assert list(table.index) == list(RULES)
     for rule in ("one cylinder", "cylinder by segments"):
-        assert table.loc[rule, "emptied"] >= 10 and table.loc[rule, "largest_change"] > 2 and table.loc[rule, "lost"] > 0.01
-    assert table.loc["cylinder and local surface", "emptied"] == 0 and table.loc["cylinder and local surface", "largest_change"] < 0.3
+        assert (
+            table.loc[rule, "emptied"] >= 10
+            and table.loc[rule, "largest_change"] > 2
+            and table.loc[rule, "lost"] > 0.01
+        )
+    assert (
+        table.loc["cylinder and local surface", "emptied"] == 0
+        and table.loc["cylinder and local surface", "largest_change"] < 0.3
+    )
 
 
 def test_few_points_in_a_segment():
-    """About 2000 points in 3 m: the surface follows noise a little, and more of the lining is lost than of a dense one."""
+    """About 2000 points in 3 m: the surface follows noise a little, and more of the lining is lost
+    than of a dense one.
+    """
     one = tunnel(6000, seed=2)
     result = filter_lining(one.points, AXIS)
     lining, attachment = one.truth
-    assert np.mean(result.flags[attachment] == -1) >= 0.99 and np.mean(result.lining[lining]) >= 0.99
+    assert (
+        np.mean(result.flags[attachment] == -1) >= 0.99 and np.mean(result.lining[lining]) >= 0.99
+    )
     with pytest.raises(ValueError, match="fewest"):
         effect(result, one.points, AXIS, lining, attachment)
 
@@ -160,16 +214,23 @@ def test_an_axis_a_third_of_a_metre_too_low_does_the_same(deformed, filtered):
 
 
 def test_a_curved_and_rising_axis_makes_no_difference(deformed):
-    """Radius 300 m, grade 2 %: a segment of 3 m bulges by 4 mm, which a straight cylinder would not follow."""
+    """Radius 300 m, grade 2 %: a segment of 3 m bulges by 4 mm, which a straight cylinder would not
+    follow.
+    """
     coefficients = np.zeros((4, 2, 1))
     coefficients[1:3, :, 0] = [[0.01, 0.02], [1 / 600, 0.0]]
     axis = Axis(np.zeros(3), np.eye(3), np.array([0.0, LENGTH]), coefficients)
     u, y, v = deformed.points.T
     right, up, _ = axis.frame(y)
-    result = filter_lining(axis.position(y) + u[:, None] * right + v[:, None] * up, axis, segment=3.1)
+    result = filter_lining(
+        axis.position(y) + u[:, None] * right + v[:, None] * up, axis, segment=3.1
+    )
     as_straight = filter_lining(deformed.points, AXIS, segment=3.1)
     assert np.mean(result.flags != as_straight.flags) < 0.0005
-    assert np.sqrt(np.mean((result.distances - as_straight.distances)[as_straight.lining] ** 2)) < 0.0001
+    assert (
+        np.sqrt(np.mean((result.distances - as_straight.distances)[as_straight.lining] ** 2))
+        < 0.0001
+    )
 
 
 def test_motion_and_order_of_the_points(deformed, filtered):
@@ -193,13 +254,17 @@ def test_segments_and_distances(deformed, filtered):
     for number, one in enumerate(segments):
         here = filtered.segment == number
         assert one.converged and one.limit == 3 * one.sigma
-        np.testing.assert_array_equal(filtered.flags[here] == 0, np.abs(filtered.distances[here]) <= one.limit)
+        np.testing.assert_array_equal(
+            filtered.flags[here] == 0, np.abs(filtered.distances[here]) <= one.limit
+        )
         w = deformed.points[here, 1]
         assert one.start - 1e-9 <= w.min() and w.max() <= one.end + 1e-9
     assert abs(segments[1].sigma - 0.0029) < 0.0003
     # The distances from the cylinder hold the deformation, those from the surface do not.
     angle = np.arctan2(deformed.points[:, 0], deformed.points[:, 2])
-    at_dent = (np.hypot(deformed.points[:, 1] - 5.2, R * (angle - np.radians(40))) < 0.2) & filtered.lining
+    at_dent = (
+        np.hypot(deformed.points[:, 1] - 5.2, R * (angle - np.radians(40))) < 0.2
+    ) & filtered.lining
     assert filtered.cylinder_distances[at_dent].mean() < -0.015
     assert abs(filtered.distances[at_dent].mean()) < 0.001
 
@@ -213,14 +278,23 @@ def test_inputs_are_not_changed_and_the_same_again(deformed, filtered):
 
 def test_a_segment_with_too_few_points_is_unsupported(deformed):
     far = np.array([[R * np.sin(a), 14.0 + a, R * np.cos(a)] for a in np.linspace(-1, 1, 40)])
-    result = filter_lining(np.concatenate([deformed.points, far]), straight(np.zeros(3), np.array([0.0, 15.0, 0.0])))
+    result = filter_lining(
+        np.concatenate([deformed.points, far]), straight(np.zeros(3), np.array([0.0, 15.0, 0.0]))
+    )
     assert (result.flags[-40:] == 2).all() and np.isnan(result.distances[-40:]).all()
     assert "at least" in result.segments[-1].stop_reason and not result.segments[-1].converged
 
 
 def test_bad_input_is_refused(deformed):
     points = deformed.points[:2000]
-    for options in ({"surface": "plane"}, {"segment": 0}, {"segment": 20.0}, {"threshold": -1}, {"reach": 0}, {"segment": np.nan}):
+    for options in (
+        {"surface": "plane"},
+        {"segment": 0},
+        {"segment": 20.0},
+        {"threshold": -1},
+        {"reach": 0},
+        {"segment": np.nan},
+    ):
         with pytest.raises(ValueError, match=next(iter(options))):
             filter_lining(points, AXIS, **options)
     with pytest.raises(ValueError, match="at least 100 points"):
@@ -231,7 +305,8 @@ def test_bad_input_is_refused(deformed):
         filter_lining(np.full((200, 3), np.nan), AXIS)
 
 
-# ------------------------------------------------------------------------------ the residual surface
+# ------------------------------------------------------------------------------ the residual
+# surface
 
 
 def grid_and_points(n=40_000, seed=0):
@@ -240,7 +315,9 @@ def grid_and_points(n=40_000, seed=0):
     return grid, generator.uniform(-np.pi, np.pi, n), generator.uniform(2.0, 5.0, n), generator
 
 
-@pytest.mark.parametrize("place, unknowns", [((0.2, 0.0, 0.5, 40), (8, 4)), ((R, 2.0, 5.0, 2_000), (24, 7))])
+@pytest.mark.parametrize(
+    "place, unknowns", [((0.2, 0.0, 0.5, 40), (8, 4)), ((R, 2.0, 5.0, 2_000), (24, 7))]
+)
 def test_smoothing_is_the_penalised_least_squares_of_the_dense_system(place, unknowns):
     grid = lining_surface.PixelGrid.of(*place)
     assert (grid.across.shape[1], grid.along.shape[1]) == unknowns
@@ -265,7 +342,9 @@ def test_the_basis_is_a_partition_of_unity_and_periodic():
 
 def test_a_smooth_surface_is_met_and_narrow_things_leave_it_alone():
     grid, angle, w, generator = grid_and_points()
-    true = 0.012 * np.cos(2 * angle) - 0.024 * np.exp(-0.5 * ((R * angle / 0.5) ** 2 + ((w - 3.5) / 0.5) ** 2))
+    true = 0.012 * np.cos(2 * angle) - 0.024 * np.exp(
+        -0.5 * ((R * angle / 0.5) ** 2 + ((w - 3.5) / 0.5) ** 2)
+    )
     d = true + 0.003 * generator.standard_normal(len(true))
     cable = np.abs(R * (angle - 1.2)) < 0.05
     d[cable] -= 0.03

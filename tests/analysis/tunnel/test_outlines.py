@@ -1,4 +1,6 @@
-"""Polar radii and their change between epochs: gradients, meaning of every part, and whether the intervals hold the truth."""
+"""Polar radii and their change between epochs: gradients, meaning of every part, and whether the
+intervals hold the truth.
+"""
 
 import numpy as np
 import pandas as pd
@@ -6,7 +8,16 @@ import pytest
 
 import analysis
 from analysis.surfaces.ellipse import EllipseFit, polar
-from analysis.tunnel.outlines import ANGLES, deformation, fit_radial, fourier_rows, hidden_deformation, quantities, residual_profile, split
+from analysis.tunnel.outlines import (
+    ANGLES,
+    deformation,
+    fit_radial,
+    fourier_rows,
+    hidden_deformation,
+    quantities,
+    residual_profile,
+    split,
+)
 
 CIRCLE = np.array([0.02, -0.01, 2.70, 0.0, 0.0])
 FLATTENED = np.array([0.022, -0.013, 2.701, 0.010, 0.002])  # 20 mm between the axes, sunk by 3 mm
@@ -18,7 +29,19 @@ def known(x, covariance=None):
     """An ellipse (u0, v0, m, g, h) as a fit with this covariance of it."""
     x = np.asarray(x, dtype=float)
     covariance = np.zeros(x.shape + (5,)) if covariance is None else covariance
-    return EllipseFit("known", x, covariance, np.ones(x.shape[:-1])[()], None, None, 0, True, "", regular=x, regular_cofactor=covariance)
+    return EllipseFit(
+        "known",
+        x,
+        covariance,
+        np.ones(x.shape[:-1])[()],
+        None,
+        None,
+        0,
+        True,
+        "",
+        regular=x,
+        regular_cofactor=covariance,
+    )
 
 
 def known_fit():
@@ -27,7 +50,9 @@ def known_fit():
 
 def outline_points(x, angles, pole=POLE):
     """Points (…, n, 2) of ellipses (…, 5) in directions from a pole."""
-    return pole + polar(np.asarray(x), angles, pole)[0][..., None] * np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+    return pole + polar(np.asarray(x), angles, pole)[0][..., None] * np.stack(
+        [np.sin(angles), np.cos(angles)], axis=-1
+    )
 
 
 def scanned(x, n, trials, rng, sigma=0.003):
@@ -41,18 +66,29 @@ def test_radii_end_on_the_ellipse_for_any_pole():
         radii, *_ = polar(x, ANGLES, np.array(pole))
         places = np.array(pole) + radii[:, None] * np.column_stack([np.sin(ANGLES), np.cos(ANGLES)])
         S = np.array([[2.5, 0.3], [0.3, 1.5]])
-        np.testing.assert_allclose(np.linalg.norm(np.linalg.solve(S, (places - x[:2]).T), axis=0), 1.0, rtol=1e-13)
+        np.testing.assert_allclose(
+            np.linalg.norm(np.linalg.solve(S, (places - x[:2]).T), axis=0), 1.0, rtol=1e-13
+        )
         assert (radii > 0).all()
     assert np.isnan(polar(x, ANGLES, np.array([5.0, 5.0]))[0]).all()
 
 
 def test_directions_are_zero_at_the_crown_and_positive_to_the_right():
-    radii, *_ = polar(np.array([0.5, 0.25, 2.0, 0.0, 0.0]), np.deg2rad([0, 90, -90, 180]), np.zeros(2))
-    expected = [0.25 + np.sqrt(4 - 0.25), 0.5 + np.sqrt(4 - 0.0625), -0.5 + np.sqrt(4 - 0.0625), -0.25 + np.sqrt(4 - 0.25)]
+    radii, *_ = polar(
+        np.array([0.5, 0.25, 2.0, 0.0, 0.0]), np.deg2rad([0, 90, -90, 180]), np.zeros(2)
+    )
+    expected = [
+        0.25 + np.sqrt(4 - 0.25),
+        0.5 + np.sqrt(4 - 0.0625),
+        -0.5 + np.sqrt(4 - 0.0625),
+        -0.25 + np.sqrt(4 - 0.25),
+    ]
     np.testing.assert_allclose(radii, expected)
 
 
-@pytest.mark.parametrize("x", [CIRCLE, FLATTENED, [0.3, -0.2, 2.0, 0.5, 0.3]], ids=["circle", "section", "flat"])
+@pytest.mark.parametrize(
+    "x", [CIRCLE, FLATTENED, [0.3, -0.2, 2.0, 0.5, 0.3]], ids=["circle", "section", "flat"]
+)
 def test_gradients_of_the_radii(x):
     _, gradient, shift = polar(np.array(x), ANGLES, POLE)
     for i, step in enumerate(1e-6 * np.eye(5)):
@@ -78,7 +114,9 @@ def test_motion_of_the_section_and_its_frame_changes_nothing_but_the_frame():
 
 
 def test_quantities_of_a_known_change():
-    """A circle that becomes an ellipse about the same centre, 12 mm wider and 8 mm lower to each side."""
+    """A circle that becomes an ellipse about the same centre, 12 mm wider and 8 mm lower to each
+    side.
+    """
     first, second = known([0, 0, 2.7, 0, 0]), known([0, 0, 2.702, 0.010, 0])
     table = quantities(first, second, registration=REGISTRATION).set_index("quantity")
     expected = {
@@ -90,21 +128,32 @@ def test_quantities_of_a_known_change():
     }
     for name, value in expected.items():
         np.testing.assert_allclose(table["value"][name], value, atol=1e-9)
-    assert table["extrapolated"].to_dict() == {name: name == "vertical convergence" for name in expected}
-    # A shift between the frames moves the crown, and takes from one side what it gives to the other.
-    np.testing.assert_allclose(table["standard_deviation"]["crown settlement"], 1000 * np.sqrt(REGISTRATION[1, 1]), rtol=1e-12)
+    assert table["extrapolated"].to_dict() == {
+        name: name == "vertical convergence" for name in expected
+    }
+    # A shift between the frames moves the crown, and takes from one side what it gives to the
+    # other.
+    np.testing.assert_allclose(
+        table["standard_deviation"]["crown settlement"],
+        1000 * np.sqrt(REGISTRATION[1, 1]),
+        rtol=1e-12,
+    )
     assert table["standard_deviation"]["horizontal convergence"] < 1e-9
 
 
 def test_a_ring_that_moves_as_a_whole_has_no_change_of_shape():
     move = np.array([0.003, -0.008])
-    change = deformation(known(FLATTENED), known(FLATTENED + np.append(move, [0, 0, 0])), registration=REGISTRATION)
+    change = deformation(
+        known(FLATTENED), known(FLATTENED + np.append(move, [0, 0, 0])), registration=REGISTRATION
+    )
     parts = split(change)
     np.testing.assert_allclose(parts.translation, move, atol=5e-5)
     assert abs(parts.mean) < 2e-5 and np.abs(parts.shape).max() < 1e-4
     np.testing.assert_allclose(parts.translation_covariance, REGISTRATION, rtol=0.03)
     assert parts.shape_standard_deviations.max() < 0.05 * change.standard_deviations.max()
-    np.testing.assert_allclose(parts.mean + parts.rigid + parts.shape, change.difference, atol=1e-15)
+    np.testing.assert_allclose(
+        parts.mean + parts.rigid + parts.shape, change.difference, atol=1e-15
+    )
 
 
 def test_a_change_of_shape_is_not_taken_for_a_motion():
@@ -117,7 +166,9 @@ def test_a_change_of_shape_is_not_taken_for_a_motion():
 
 @pytest.mark.parametrize("method", ["geometric", "robust"])
 def test_the_intervals_hold_the_truth(method):
-    """Over campaigns with noise and a registration error; pooled over the directions, whose hits hang together."""
+    """Over campaigns with noise and a registration error; pooled over the directions, whose hits
+    hang together.
+    """
     rng, trials = np.random.default_rng(2), 600 if method == "geometric" else 300
     first = analysis.fit_ellipse(scanned(CIRCLE, 200, trials, rng), method)
     shifts = rng.standard_normal((trials, 1, 2)) @ np.linalg.cholesky(REGISTRATION).T
@@ -126,7 +177,9 @@ def test_the_intervals_hold_the_truth(method):
     change = deformation(first, second, pole=POLE, registration=REGISTRATION)
     low, high = change.interval(0.95)
     assert 0.93 < np.mean((low <= truth) & (truth <= high)) < 0.97
-    np.testing.assert_allclose(change.difference.std(axis=0), change.standard_deviations.mean(axis=0), rtol=0.12)
+    np.testing.assert_allclose(
+        change.difference.std(axis=0), change.standard_deviations.mean(axis=0), rtol=0.12
+    )
     # Without the registration term the intervals are too short, and it shows.
     low, high = deformation(first, second, pole=POLE).interval(0.95)
     assert np.mean((low <= truth) & (truth <= high)) < 0.85
@@ -135,7 +188,10 @@ def test_the_intervals_hold_the_truth(method):
     value, covariance = change.combination(sums)
     inside = np.abs(value[:, 0] - truth @ sums[0]) <= 1.96 * np.sqrt(covariance[:, 0, 0])
     assert 0.92 < inside.mean() < 0.98
-    parts, true_parts = split(change), split(deformation(known(CIRCLE), known(FLATTENED), pole=POLE))
+    parts, true_parts = (
+        split(change),
+        split(deformation(known(CIRCLE), known(FLATTENED), pole=POLE)),
+    )
     inside = np.abs(parts.shape - true_parts.shape) <= 1.96 * parts.shape_standard_deviations
     assert 0.92 < inside.mean() < 0.98
 
@@ -145,7 +201,9 @@ def test_a_radial_series_matches_an_ellipse_with_22_mm_between_its_axes():
     pole = np.zeros(2)
     fit = fit_radial(outline_points(x, ANGLES, pole), pole)
     assert np.abs(fit.residuals).max() < 1e-6
-    np.testing.assert_allclose(2 * np.hypot(*fit.coefficients[3:5]), 2 * np.hypot(0.010, 0.0045), rtol=0.01)
+    np.testing.assert_allclose(
+        2 * np.hypot(*fit.coefficients[3:5]), 2 * np.hypot(0.010, 0.0045), rtol=0.01
+    )
     rows = fourier_rows(ANGLES)
     assert 10 < np.linalg.cond(rows) < 16  # 270° of a circle tell nine terms apart
 
@@ -154,14 +212,24 @@ def test_radial_series_and_ellipses_tell_the_same_change():
     rng = np.random.default_rng(3)
     points = [scanned(x, 400, 200, rng) for x in (CIRCLE, FLATTENED)]
     truth = deformation(known(CIRCLE), known(FLATTENED), pole=POLE).difference
-    series = deformation(*(fit_radial(p, POLE) for p in points), pole=POLE, registration=REGISTRATION)
-    ellipses = deformation(*(analysis.fit_ellipse(p, "geometric") for p in points), pole=POLE, registration=REGISTRATION)
+    series = deformation(
+        *(fit_radial(p, POLE) for p in points), pole=POLE, registration=REGISTRATION
+    )
+    ellipses = deformation(
+        *(analysis.fit_ellipse(p, "geometric") for p in points),
+        pole=POLE,
+        registration=REGISTRATION,
+    )
     for change in (series, ellipses):
         np.testing.assert_allclose(change.difference.mean(axis=0), truth, atol=2.5e-4)
     unmoved = deformation(*(fit_radial(p, POLE) for p in points), pole=POLE)
-    np.testing.assert_allclose(series.difference.std(axis=0), unmoved.standard_deviations.mean(axis=0), rtol=0.2)
+    np.testing.assert_allclose(
+        series.difference.std(axis=0), unmoved.standard_deviations.mean(axis=0), rtol=0.2
+    )
     # Nine numbers a section cost more noise than five, most at the ends of the arc.
-    assert (series.standard_deviations.mean(axis=0) > ellipses.standard_deviations.mean(axis=0)).mean() > 0.9
+    assert (
+        series.standard_deviations.mean(axis=0) > ellipses.standard_deviations.mean(axis=0)
+    ).mean() > 0.9
 
 
 def test_a_shift_moves_a_radial_series_as_the_outline_it_describes():
@@ -169,7 +237,9 @@ def test_a_shift_moves_a_radial_series_as_the_outline_it_describes():
     series, shift = fit_radial(points, POLE), np.array([2e-4, -3e-4])
     moved = fit_radial(points + shift, POLE)
     _, _, sensitivity = series.polar(ANGLES, POLE)
-    np.testing.assert_allclose(moved.polar(ANGLES, POLE)[0] - series.polar(ANGLES, POLE)[0], sensitivity @ shift, atol=1e-7)
+    np.testing.assert_allclose(
+        moved.polar(ANGLES, POLE)[0] - series.polar(ANGLES, POLE)[0], sensitivity @ shift, atol=1e-7
+    )
 
 
 def test_weights_of_zero_leave_points_out():
@@ -188,19 +258,28 @@ def test_what_the_ellipse_hides():
     outwards = np.stack([np.sin(angles), np.cos(angles)], axis=-1)
     tray = np.where(np.abs(angles - 1.5) < 0.05, -0.13, 0.0)
     dent = -0.0243 * np.exp(-0.5 * (angles / np.deg2rad(5.0)) ** 2) * np.array([[0.0], [1.0]])
-    points = np.stack([outline_points(CIRCLE, epoch) for epoch in angles]) + (tray + dent)[..., None] * outwards
+    points = (
+        np.stack([outline_points(CIRCLE, epoch) for epoch in angles])
+        + (tray + dent)[..., None] * outwards
+    )
     points += 0.003 * rng.standard_normal((2, n, 2))
     fits = [analysis.fit_ellipse(epoch) for epoch in points]
     change = deformation(*fits, pole=POLE)
     assert np.abs(change.difference).max() < 0.002  # the ellipses see next to nothing
-    hidden = hidden_deformation(*(residual_profile(p, fit, POLE) for p, fit in zip(points, fits, strict=True)))
+    hidden = hidden_deformation(
+        *(residual_profile(p, fit, POLE) for p, fit in zip(points, fits, strict=True))
+    )
     crown = hidden["angle_deg"].abs().idxmin()
     total = hidden["hidden_mm"][crown] + 1000 * change.difference[crown]
     sd = hidden["standard_deviation_mm"]
-    assert abs(total - np.median(-24.3 * np.exp(-0.5 * (np.linspace(-2, 2, 101) / 5) ** 2))) < 2.5 * sd[crown]
+    assert (
+        abs(total - np.median(-24.3 * np.exp(-0.5 * (np.linspace(-2, 2, 101) / 5) ** 2)))
+        < 2.5 * sd[crown]
+    )
     assert sd[crown] < 1.0
     assert hidden["hidden_mm"][crown] < 0.8 * total
-    # At the edges of the tray the middle of a cell is now lining, now tray: the standard deviation says so.
+    # At the edges of the tray the middle of a cell is now lining, now tray: the standard deviation
+    # says so.
     quiet = hidden[(hidden["angle_deg"].abs() > 25) & (sd < 2)]
     assert len(quiet) > 205
     assert quiet["hidden_mm"].abs().max() < 3.5
@@ -221,7 +300,12 @@ def test_tables():
     stack = known(np.stack([CIRCLE, FLATTENED]), np.broadcast_to(1e-8 * np.eye(5), (2, 5, 5)))
     change = deformation(stack, stack, pole=POLE, angles=np.deg2rad([0.0, 90.0]))
     table = change.table()
-    assert table["section"].tolist() == [0, 0, 1, 1] and table["angle_deg"].round(9).tolist() == [0, 90, 0, 90]
+    assert table["section"].tolist() == [0, 0, 1, 1] and table["angle_deg"].round(9).tolist() == [
+        0,
+        90,
+        0,
+        90,
+    ]
     assert (table["standard_deviation_mm"] > 0).all()
     assert quantities(stack, stack)["section"].tolist() == [0] * 5 + [1] * 5
     assert isinstance(quantities(known(CIRCLE), known(FLATTENED)), pd.DataFrame)
@@ -230,19 +314,52 @@ def test_tables():
 @pytest.mark.parametrize(
     "call, message",
     [
-        (lambda: deformation(known(CIRCLE), known(np.stack([CIRCLE, CIRCLE]))), "second: expected outlines of shape"),
+        (
+            lambda: deformation(known(CIRCLE), known(np.stack([CIRCLE, CIRCLE]))),
+            "second: expected outlines of shape",
+        ),
         (lambda: deformation(known(CIRCLE), known(CIRCLE), pole=[0, 0, 0]), "pole: expected shape"),
-        (lambda: deformation(known(CIRCLE), known(CIRCLE), angles=[[0.0]]), "angles: expected shape"),
-        (lambda: deformation(known(CIRCLE), known(CIRCLE), registration=np.eye(3)), "registration: expected shape"),
-        (lambda: deformation(known(CIRCLE), known(CIRCLE)).interval(1.5), "level: expected a probability"),
-        (lambda: deformation(fit_radial(outline_points(CIRCLE, ANGLES), POLE), known(CIRCLE)), "pole: expected a place"),
-        (lambda: fit_radial(outline_points(CIRCLE, ANGLES), POLE).polar(ANGLES, np.zeros(2)), "pole: expected that of the radial fit"),
+        (
+            lambda: deformation(known(CIRCLE), known(CIRCLE), angles=[[0.0]]),
+            "angles: expected shape",
+        ),
+        (
+            lambda: deformation(known(CIRCLE), known(CIRCLE), registration=np.eye(3)),
+            "registration: expected shape",
+        ),
+        (
+            lambda: deformation(known(CIRCLE), known(CIRCLE)).interval(1.5),
+            "level: expected a probability",
+        ),
+        (
+            lambda: deformation(fit_radial(outline_points(CIRCLE, ANGLES), POLE), known(CIRCLE)),
+            "pole: expected a place",
+        ),
+        (
+            lambda: fit_radial(outline_points(CIRCLE, ANGLES), POLE).polar(ANGLES, np.zeros(2)),
+            "pole: expected that of the radial fit",
+        ),
         (lambda: fit_radial(np.zeros((8, 2)), POLE), "at least 9 points"),
-        (lambda: fit_radial(outline_points(CIRCLE, ANGLES), POLE, weights=np.ones(3)), "weights: expected shape"),
-        (lambda: fit_radial(outline_points(CIRCLE, ANGLES), POLE, weights=-np.ones(271)), "weights: expected none below 0"),
-        (lambda: fit_radial(outline_points(CIRCLE, np.linspace(0, 0.3, 50)), POLE), "directions: expected some all around"),
-        (lambda: split(deformation(known(CIRCLE), known(CIRCLE), angles=[0.0, 1.0])), "directions: expected at least 9"),
-        (lambda: residual_profile(np.zeros((3, 2)), known_fit(), POLE), "points: expected those of the fit"),
+        (
+            lambda: fit_radial(outline_points(CIRCLE, ANGLES), POLE, weights=np.ones(3)),
+            "weights: expected shape",
+        ),
+        (
+            lambda: fit_radial(outline_points(CIRCLE, ANGLES), POLE, weights=-np.ones(271)),
+            "weights: expected none below 0",
+        ),
+        (
+            lambda: fit_radial(outline_points(CIRCLE, np.linspace(0, 0.3, 50)), POLE),
+            "directions: expected some all around",
+        ),
+        (
+            lambda: split(deformation(known(CIRCLE), known(CIRCLE), angles=[0.0, 1.0])),
+            "directions: expected at least 9",
+        ),
+        (
+            lambda: residual_profile(np.zeros((3, 2)), known_fit(), POLE),
+            "points: expected those of the fit",
+        ),
     ],
 )
 def test_bad_input(call, message):

@@ -1,4 +1,6 @@
-"""Registration of stations: named wrong targets, units and axes, the error that a station's points share, check points."""
+"""Registration of stations: named wrong targets, units and axes, the error that a station's points
+share, check points.
+"""
 
 import numpy as np
 import pandas as pd
@@ -32,14 +34,18 @@ STAND = np.array([0.2, 20.0, -1.2])
 
 
 def control():
-    return pd.DataFrame(np.array([*PLACES.values()]) + ORIGIN, columns=["x", "y", "z"]).assign(target=list(PLACES))
+    return pd.DataFrame(np.array([*PLACES.values()]) + ORIGIN, columns=["x", "y", "z"]).assign(
+        target=list(PLACES)
+    )
 
 
 def observed(station="S1", seed=0, sd=0.002, scale=1.0):
     """The targets as a scanner at STAND sees them, looking back along the tunnel."""
     true = control()[["x", "y", "z"]].to_numpy() - STAND - ORIGIN
     points = scale * true @ HEADING + sd * np.random.default_rng(seed).standard_normal(true.shape)
-    return pd.DataFrame(points, columns=["x", "y", "z"]).assign(station=station, target=list(PLACES))
+    return pd.DataFrame(points, columns=["x", "y", "z"]).assign(
+        station=station, target=list(PLACES)
+    )
 
 
 def register(frame, net=None, **options):
@@ -54,7 +60,9 @@ def test_stations_find_where_they_stood():
     assert list(stations) == ["S1", "S2"]
     for station in stations.values():
         np.testing.assert_allclose(station.similarity.rotation, HEADING, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(station.similarity.translation, STAND + ORIGIN, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(
+            station.similarity.translation, STAND + ORIGIN, rtol=0, atol=1e-8
+        )
         assert station.similarity.scale == 1 and station.rejected == ()
     assert checks(stations) == []
 
@@ -79,9 +87,15 @@ def test_a_wrongly_paired_target_is_named():
 
 def test_residual_table_is_control_less_transformed():
     frame, table = observed(), residual_table(stations := register(observed()))
-    expected = control()[["x", "y", "z"]].to_numpy() - stations["S1"].similarity.transform(frame[["x", "y", "z"]].to_numpy())
-    np.testing.assert_allclose(table[["dx_mm", "dy_mm", "dz_mm"]], 1e3 * expected, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(table["d_mm"], 1e3 * np.linalg.norm(expected, axis=1), rtol=0, atol=1e-9)
+    expected = control()[["x", "y", "z"]].to_numpy() - stations["S1"].similarity.transform(
+        frame[["x", "y", "z"]].to_numpy()
+    )
+    np.testing.assert_allclose(
+        table[["dx_mm", "dy_mm", "dz_mm"]], 1e3 * expected, rtol=0, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        table["d_mm"], 1e3 * np.linalg.norm(expected, axis=1), rtol=0, atol=1e-9
+    )
 
 
 def test_scale_is_tested_and_can_be_estimated():
@@ -91,19 +105,24 @@ def test_scale_is_tested_and_can_be_estimated():
     assert "differs from 1 by 19" in sentence and "ppm" in sentence
     np.testing.assert_allclose(free["S1"].similarity.scale, 1.002, rtol=0, atol=3e-4)
     table = station_table(held).iloc[0]
-    np.testing.assert_allclose(table["scale_ppm"], 1e6 * (free["S1"].similarity.scale - 1), rtol=1e-9)
+    np.testing.assert_allclose(
+        table["scale_ppm"], 1e6 * (free["S1"].similarity.scale - 1), rtol=1e-9
+    )
     assert table["scale_test"] > 2
 
 
 def test_larger_errors_than_given_are_said():
     for seed in range(20):
         stations = register(observed(sd=0.02, seed=seed))
-        assert stations["S1"].rejected == ()  # it is the standard deviations that are wrong, and not the targets
+        # it is the standard deviations that are wrong, and not the targets
+        assert stations["S1"].rejected == ()
         assert any("misclosures are" in sentence for sentence in checks(stations))
 
 
 def test_misclosures_are_tested_by_their_variance():
-    said = [checks(register(observed(sd=1.8 * np.hypot(0.002, 0.001), seed=seed))) for seed in range(40)]
+    said = [
+        checks(register(observed(sd=1.8 * np.hypot(0.002, 0.001), seed=seed))) for seed in range(40)
+    ]
     # 0.45; the others have lost a target, which is said, too.
     assert np.mean([any("misclosures" in one for one in sentences) for sentences in said]) > 0.35
     assert np.mean([len(sentences) > 0 for sentences in said]) > 0.6
@@ -122,9 +141,13 @@ def test_three_targets_are_enough_but_not_to_find_a_wrong_one():
 
 def test_three_targets_have_no_mirror_image():
     for seed in range(10):
-        net = pd.DataFrame(np.random.default_rng(seed).uniform(-5, 5, (3, 3)), columns=["x", "y", "z"]).assign(target=list("abc"))
+        net = pd.DataFrame(
+            np.random.default_rng(seed).uniform(-5, 5, (3, 3)), columns=["x", "y", "z"]
+        ).assign(target=list("abc"))
         stations = register(net.assign(station="S1"), net)
-        np.testing.assert_allclose(stations["S1"].similarity.rotation, np.eye(3), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            stations["S1"].similarity.rotation, np.eye(3), rtol=0, atol=1e-12
+        )
 
 
 def test_weak_roll_is_said():
@@ -152,15 +175,47 @@ def on_a_line():
 
 BAD = {
     "millimetres": (in_millimetres, control, "station S1: .*1000 times those of the control net"),
-    "swapped axes": (lambda: observed().rename(columns={"x": "y", "y": "x"}), control, "station S1: .*fit only mirrored.*two axes swapped"),
-    "swapped axes of the net": (observed, lambda: control().rename(columns={"x": "y", "y": "x"}), "station S1: .*fit only mirrored"),
-    "two targets": (lambda: observed().iloc[:2], control, "station S1: expected at least 3 targets of the control net, got 2"),
-    "unknown targets": (lambda: observed().assign(target=list("abcdef")), control, "station S1: expected at least 3 targets .* got 0"),
+    "swapped axes": (
+        lambda: observed().rename(columns={"x": "y", "y": "x"}),
+        control,
+        "station S1: .*fit only mirrored.*two axes swapped",
+    ),
+    "swapped axes of the net": (
+        observed,
+        lambda: control().rename(columns={"x": "y", "y": "x"}),
+        "station S1: .*fit only mirrored",
+    ),
+    "two targets": (
+        lambda: observed().iloc[:2],
+        control,
+        "station S1: expected at least 3 targets of the control net, got 2",
+    ),
+    "unknown targets": (
+        lambda: observed().assign(target=list("abcdef")),
+        control,
+        "station S1: expected at least 3 targets .* got 0",
+    ),
     "line": (on_a_line, control, "station S1: source: .*points on a line"),
-    "missing column": (lambda: observed().drop(columns="z"), control, "observed: expected columns .*; z missing"),
-    "missing column of the net": (observed, lambda: control().drop(columns="target"), "control: expected columns .*; target missing"),
-    "twice": (lambda: pd.concat([observed(), observed().iloc[:1]]), control, "observed: expected each target once, got S1 T1 twice"),
-    "twice in the net": (observed, lambda: pd.concat([control(), control().iloc[:1]]), "control: expected each target once, got T1 twice"),
+    "missing column": (
+        lambda: observed().drop(columns="z"),
+        control,
+        "observed: expected columns .*; z missing",
+    ),
+    "missing column of the net": (
+        observed,
+        lambda: control().drop(columns="target"),
+        "control: expected columns .*; target missing",
+    ),
+    "twice": (
+        lambda: pd.concat([observed(), observed().iloc[:1]]),
+        control,
+        "observed: expected each target once, got S1 T1 twice",
+    ),
+    "twice in the net": (
+        observed,
+        lambda: pd.concat([control(), control().iloc[:1]]),
+        "control: expected each target once, got T1 twice",
+    ),
     "NaN": (lambda: observed().assign(x=np.nan), control, "station S1: expected finite numbers"),
 }
 
@@ -187,7 +242,9 @@ def test_error_in_a_section_is_that_of_redrawn_targets_and_does_not_average_out(
     true = (net - STAND) @ HEADING
     x = true + 0.002 * draw.standard_normal((trials, 6, 3))
     X = net + 0.001 * draw.standard_normal((trials, 6, 3))
-    fits = fit_similarity(x, X, scale=False, source_cofactors=0.002**2, target_cofactors=0.001**2, absolute=True)
+    fits = fit_similarity(
+        x, X, scale=False, source_cofactors=0.002**2, target_cofactors=0.001**2, absolute=True
+    )
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     normals = np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
     section = 2.7 * normals + [0, 30, 0]
@@ -197,7 +254,8 @@ def test_error_in_a_section_is_that_of_redrawn_targets_and_does_not_average_out(
     G = section_errors(similarity, seen, normals)
     assert G.shape == (200, 7)
     np.testing.assert_allclose(shifts.std(axis=0), np.linalg.norm(G, axis=1), rtol=0.04)
-    # The section moved to the right as a whole, its crown, and its mean radius, which a rigid motion leaves alone.
+    # The section moved to the right as a whole, its crown, and its mean radius, which a rigid
+    # motion leaves alone.
     for a in (2 * np.cos(angle) / 200, np.eye(200)[50], np.ones(200) / 200):
         np.testing.assert_allclose((shifts @ a).std(), np.linalg.norm(a @ G), rtol=0.04, atol=2e-6)
     right = np.linalg.norm(2 * np.cos(angle) / 200 @ G)
@@ -214,11 +272,23 @@ def test_section_errors_are_checked():
 def test_station_table_states_what_the_redraws_show():
     sd = np.hypot(0.002, 0.001)
     table = station_table(register(observed(sd=0.0))).iloc[0]
-    x = observed(sd=0.0)[["x", "y", "z"]].to_numpy() + sd * np.random.default_rng(1).standard_normal((6000, 6, 3))
+    x = observed(sd=0.0)[["x", "y", "z"]].to_numpy() + sd * np.random.default_rng(
+        1
+    ).standard_normal((6000, 6, 3))
     X = np.broadcast_to(control()[["x", "y", "z"]].to_numpy(), x.shape)
-    turns = Rotation.from_matrix(fit_similarity(x, X, scale=False).rotation @ HEADING.T).as_rotvec() * np.degrees(1) * 3600
-    np.testing.assert_allclose(turns.std(axis=0), table[["rot_x_arcsec", "rot_y_arcsec", "rot_z_arcsec"]].astype(float), rtol=0.03)
-    np.testing.assert_allclose(table["wall_mm"], 2700 * np.radians(table["roll_arcsec"] / 3600), rtol=1e-12)
+    turns = (
+        Rotation.from_matrix(fit_similarity(x, X, scale=False).rotation @ HEADING.T).as_rotvec()
+        * np.degrees(1)
+        * 3600
+    )
+    np.testing.assert_allclose(
+        turns.std(axis=0),
+        table[["rot_x_arcsec", "rot_y_arcsec", "rot_z_arcsec"]].astype(float),
+        rtol=0.03,
+    )
+    np.testing.assert_allclose(
+        table["wall_mm"], 2700 * np.radians(table["roll_arcsec"] / 3600), rtol=1e-12
+    )
     assert table["roll_arcsec"] >= table["rot_y_arcsec"] > 3 * table["rot_z_arcsec"]
     assert (table["targets"], table["in_use"]) == (6, 6)
 
@@ -237,20 +307,31 @@ def test_roll_falls_as_the_targets_stand_further_apart():
 def test_check_points_separate_what_is_systematic():
     draw = np.random.default_rng(3)
     surveyed = draw.uniform(0, 50, (4000, 3))
-    derived = surveyed + [0.003, 0, -0.001] + 0.002 * draw.standard_normal((4000, 3)) - 0.001 * draw.standard_normal((4000, 3))
+    derived = (
+        surveyed
+        + [0.003, 0, -0.001]
+        + 0.002 * draw.standard_normal((4000, 3))
+        - 0.001 * draw.standard_normal((4000, 3))
+    )
     table = check_points(derived, surveyed, surveyed_sd=0.001).set_index("coordinate")
     np.testing.assert_allclose(table["bias_mm"], [3, 0, -1, np.sqrt(10)], atol=0.12)
     np.testing.assert_allclose(table["sd_mm"], np.sqrt([5, 5, 5, 15]), rtol=0.04)
     np.testing.assert_allclose(table["m_mm"], np.sqrt([14, 5, 6, 25]), rtol=0.04)
     np.testing.assert_allclose(table["scanner_mm"], np.sqrt([13, 4, 5, 22]), rtol=0.05)
-    np.testing.assert_allclose(table["m_mm"].iloc[3], np.linalg.norm(table["m_mm"].iloc[:3]), rtol=1e-12)
+    np.testing.assert_allclose(
+        table["m_mm"].iloc[3], np.linalg.norm(table["m_mm"].iloc[:3]), rtol=1e-12
+    )
 
 
 def test_interval_of_check_points_covers_as_often_as_it_says():
     draw = np.random.default_rng(4)
-    tables = [check_points(0.002 * draw.standard_normal((8, 3)), np.zeros((8, 3))) for _ in range(600)]
+    tables = [
+        check_points(0.002 * draw.standard_normal((8, 3)), np.zeros((8, 3))) for _ in range(600)
+    ]
     for row, sigma in enumerate([2, 2, 2, 2 * np.sqrt(3)]):
-        covered = np.mean([table["low_mm"][row] < sigma < table["high_mm"][row] for table in tables])
+        covered = np.mean(
+            [table["low_mm"][row] < sigma < table["high_mm"][row] for table in tables]
+        )
         assert 0.92 < covered < 0.98
 
 
@@ -259,7 +340,8 @@ def test_check_points_are_checked():
         check_points(np.zeros((1, 3)), np.zeros((1, 3)))
 
 
-# ------------------------------------------------------------------ the start of the thirteen parameters
+# ------------------------------------------------------------------ the start of the thirteen
+# parameters
 
 
 def test_unit_matrix_is_a_start_up_to_a_right_angle_only():
@@ -267,10 +349,14 @@ def test_unit_matrix_is_a_start_up_to_a_right_angle_only():
     assert list(table["from_deg"]) == [0, 30, 60, 90, 120, 150]
     assert (table["found_from_svd_percent"] == 100).all()
     assert (table["found_from_identity_percent"][:3] == 100).all()
-    assert (np.diff(table["found_from_identity_percent"][2:]) < 0).all() and table["found_from_identity_percent"][5] < 50
+    assert (np.diff(table["found_from_identity_percent"][2:]) < 0).all() and table[
+        "found_from_identity_percent"
+    ][5] < 50
     # The failures look like successes, but for the sign of the scale.
     assert table["wrong_but_converged_percent"][5] > 30
     for column in ("wrong_but_proper_percent", "wrong_with_negative_scale_percent"):
         np.testing.assert_array_equal(table[column], table["wrong_but_converged_percent"])
-    total = table[["found_from_identity_percent", "wrong_but_converged_percent", "not_converged_percent"]].sum(axis=1)
+    total = table[
+        ["found_from_identity_percent", "wrong_but_converged_percent", "not_converged_percent"]
+    ].sum(axis=1)
     np.testing.assert_allclose(total, 100.0)

@@ -1,11 +1,23 @@
-"""Sections cut from tunnel points, and radii read off in directions: against exact tunnels and slow, obvious computations."""
+"""Sections cut from tunnel points, and radii read off in directions: against exact tunnels and
+slow, obvious computations.
+"""
 
 import numpy as np
 import pytest
 
 from analysis.tunnel import sections as module
 from analysis.tunnel.axis import Axis, straight
-from analysis.tunnel.sections import DIRECTIONS, STEP, Section, cut, equal_angles, local_radii, plane_distances, project, section_plane
+from analysis.tunnel.sections import (
+    DIRECTIONS,
+    STEP,
+    Section,
+    cut,
+    equal_angles,
+    local_radii,
+    plane_distances,
+    project,
+    section_plane,
+)
 
 RADIUS = 2.7
 
@@ -15,7 +27,9 @@ def curved(heading=0.6):
     c, s = np.cos(heading), np.sin(heading)
     coefficients = np.zeros((4, 2, 1))
     coefficients[:3, :, 0] = [[0.0, 1.0], [-0.1, 0.02], [1 / 600, 1e-5]]
-    return Axis([1000.0, 2000.0, 50.0], [[c, -s, 0], [s, c, 0], [0, 0, 1]], [0.0, 60.0], coefficients)
+    return Axis(
+        [1000.0, 2000.0, 50.0], [[c, -s, 0], [s, c, 0], [0, 0, 1]], [0.0, 60.0], coefficients
+    )
 
 
 def tube(axis, n, rng, radius=lambda a: RADIUS, sigma=0.0):
@@ -32,31 +46,49 @@ def section_of(alpha, rho, w=None, thickness=0.05):
     w = np.zeros_like(alpha) if w is None else w
     frame = np.eye(3)
     u, v = rho * np.sin(alpha), rho * np.cos(alpha)
-    return Section(0.0, 0.0, np.zeros(3), frame[0], frame[2], frame[1], thickness, np.arange(len(alpha)), u, v, w)
+    return Section(
+        0.0,
+        0.0,
+        np.zeros(3),
+        frame[0],
+        frame[2],
+        frame[1],
+        thickness,
+        np.arange(len(alpha)),
+        u,
+        v,
+        w,
+    )
 
 
 def ring(n, rng, radius=lambda a: RADIUS + 0.0 * a, sigma=0.0, hole=None):
     a = rng.uniform(-np.pi, np.pi, n)
     if hole is not None:
         a = a[(a < hole[0]) | (a > hole[1])]
-    return section_of(a, radius(a) + sigma * rng.standard_normal(len(a)), rng.uniform(-0.025, 0.025, len(a)))
+    return section_of(
+        a, radius(a) + sigma * rng.standard_normal(len(a)), rng.uniform(-0.025, 0.025, len(a))
+    )
 
 
 def oval(a):
-    return RADIUS + 0.011 * np.cos(2 * a) + 0.2 * np.cos(a - 0.4)  # seen from a pole 0.2 m off its centre
+    # seen from a pole 0.2 m off its centre
+    return RADIUS + 0.011 * np.cos(2 * a) + 0.2 * np.cos(a - 0.4)
 
 
 # --------------------------------------------------------------------------------- cutting
 
 
 @pytest.mark.parametrize(
-    "axis", [straight([0, 0, 0], [0, 60, 0]), straight([5, 5, 5], [-30, 50, 9]), curved()], ids=["paper", "any", "curved"]
+    "axis",
+    [straight([0, 0, 0], [0, 60, 0]), straight([5, 5, 5], [-30, 50, 9]), curved()],
+    ids=["paper", "any", "curved"],
 )
 def test_sections_hold_the_points_between_the_planes_and_no_others(axis):
     points = tube(axis, 40_000, np.random.default_rng(1))
     for section in cut(points, axis, [3.0, 40.0, 3.02], thickness=0.3):
         w = (points - section.position) @ section.along
-        near = np.abs(axis.foot(points) - section.y) < 5.0  # the plane of a curve meets it again elsewhere
+        # the plane of a curve meets it again elsewhere
+        near = np.abs(axis.foot(points) - section.y) < 5.0
         assert set(section.index) == set(np.flatnonzero((np.abs(w) <= 0.15) & near))
         assert np.allclose(section.w, w[section.index], atol=1e-9)
         assert np.allclose(section.rho, RADIUS, atol=1e-4)  # w²κ/2 of a curve
@@ -100,7 +132,9 @@ def test_sections_do_not_depend_on_the_order_of_the_points_or_the_block(monkeypa
     points = tube(axis, 5000, rng)
     order = rng.permutation(len(points))
     whole = cut(points, axis, [10.0, 30.0])
-    monkeypatch.setattr(module, "pieces", lambda count, size: [slice(k, k + 333) for k in range(0, count, 333)])
+    monkeypatch.setattr(
+        module, "pieces", lambda count, size: [slice(k, k + 333) for k in range(0, count, 333)]
+    )
     for one, other in zip(whole, cut(points[order], axis, [10.0, 30.0]), strict=True):
         assert set(one.index) == set(order[other.index]) and np.isclose(one.u.sum(), other.u.sum())
 
@@ -112,11 +146,15 @@ def test_a_section_without_points_comes_back_empty_and_refuses_to_be_read():
     full, empty = cut(points, axis, [20.0, 30.0])
     assert full.count and empty.count == 0
     for read in (equal_angles, local_radii):
-        with pytest.raises(ValueError, match=r"chainage 30.000 m: expected at least 5 points, got 0; nothing was scanned there"):
+        with pytest.raises(
+            ValueError,
+            match=r"chainage 30.000 m: expected at least 5 points, got 0; nothing was scanned there",
+        ):
             read(empty)
 
 
-# --------------------------------------------------------------------------------- equal angles, as printed
+# --------------------------------------------------------------------------------- equal angles, as
+# printed
 
 
 def test_nearest_points_against_a_search_of_all():
@@ -128,7 +166,10 @@ def test_nearest_points_against_a_search_of_all():
         for j in range(0, len(DIRECTIONS), 7):
             away = np.abs(section.alpha[near] - DIRECTIONS[j])
             if away.min() <= 0.5 * STEP:
-                assert radii.radius[k, j] == section.rho[near[np.argmin(away)]] and not radii.interpolated[k, j]
+                assert (
+                    radii.radius[k, j] == section.rho[near[np.argmin(away)]]
+                    and not radii.interpolated[k, j]
+                )
                 assert radii.count[k, j] == 1.0
             else:
                 assert radii.interpolated[k, j] or np.isnan(radii.radius[k, j])
@@ -143,7 +184,8 @@ def test_an_empty_direction_is_interpolated_by_a_quadratic():
     assert radii.interpolated[1].tolist() == [True, False] and np.isnan(radii.radius[[0, 2]]).all()
 
 
-# --------------------------------------------------------------------------------- robust local estimate
+# --------------------------------------------------------------------------------- robust local
+# estimate
 
 
 @pytest.mark.parametrize("read", [equal_angles, local_radii])
@@ -157,16 +199,22 @@ def test_exact_sections_give_the_exact_radius_in_every_direction(read):
 @pytest.mark.parametrize("read", [equal_angles, local_radii])
 def test_gaps_are_flagged_and_never_extrapolated(read):
     hole = np.radians([20.0, 60.0])
-    radii = read(ring(8000, np.random.default_rng(8), oval, hole=hole), np.radians(np.arange(-180.0, 181.0)))
+    radii = read(
+        ring(8000, np.random.default_rng(8), oval, hole=hole), np.radians(np.arange(-180.0, 181.0))
+    )
     inside = (radii.directions > hole[0] + 0.5 * STEP) & (radii.directions < hole[1] - 0.5 * STEP)
     assert np.isnan(radii.radius[..., inside]).all() and not radii.interpolated[..., inside].any()
-    assert np.isfinite(radii.radius[..., (radii.directions < hole[0] - STEP) | (radii.directions > hole[1] + STEP)]).all()
+    assert np.isfinite(
+        radii.radius[..., (radii.directions < hole[0] - STEP) | (radii.directions > hole[1] + STEP)]
+    ).all()
 
 
 @pytest.mark.parametrize("read", [equal_angles, local_radii])
 def test_a_small_hole_is_interpolated_and_says_so(read):
     hole = np.radians([24.5, 30.5])
-    radii = read(ring(40_000, np.random.default_rng(9), oval, hole=hole), np.radians([10.0, 27.0, 28.0]))
+    radii = read(
+        ring(40_000, np.random.default_rng(9), oval, hole=hole), np.radians([10.0, 27.0, 28.0])
+    )
     assert radii.interpolated[..., 1:].all() and not radii.interpolated[..., 0].any()
     assert np.allclose(radii.radius[..., 1:], oval(radii.directions[1:]), atol=1e-3)
 
@@ -179,12 +227,16 @@ def test_the_seam_at_the_invert_is_no_edge():
 
 @pytest.mark.parametrize("count, sigma", [(700, 0.003), (3000, 0.002), (20_000, 0.005)])
 def test_standard_deviations_are_those_of_many_redraws(count, sigma):
-    rng, directions = np.random.default_rng(11), np.radians([-130.0, -60.0, -17.0, 0.0, 45.0, 111.0])
+    rng, directions = (
+        np.random.default_rng(11),
+        np.radians([-130.0, -60.0, -17.0, 0.0, 45.0, 111.0]),
+    )
     ratios = []
     for _ in range(120):
         radii = local_radii(ring(count, rng, oval, sigma), directions)
         ratios.append((radii.radius - oval(directions)) / radii.sd)
-    ratios, limit = np.concatenate(ratios), 1.6  # Student's t of few degrees of freedom is wider than 1
+    # Student's t of few degrees of freedom is wider than 1
+    ratios, limit = np.concatenate(ratios), 1.6
     assert 0.9 < np.sqrt(np.mean(np.clip(ratios, -5, 5) ** 2)) < limit
     assert abs(ratios.mean()) < 4 * ratios.std() / np.sqrt(len(ratios))
 
@@ -192,7 +244,8 @@ def test_standard_deviations_are_those_of_many_redraws(count, sigma):
 def test_noise_falls_with_the_root_of_the_effective_count():
     section = ring(60_000, np.random.default_rng(12), oval, sigma=0.003)
     radii = local_radii(section)
-    assert np.median(radii.count) == pytest.approx(60_000 / 360 * 4 / 9, rel=0.1)  # a quadratic costs 5/9
+    # a quadratic costs 5/9
+    assert np.median(radii.count) == pytest.approx(60_000 / 360 * 4 / 9, rel=0.1)
     assert np.median(radii.sd) == pytest.approx(0.003 / np.sqrt(np.median(radii.count)), rel=0.1)
     errors = radii.radius - oval(DIRECTIONS)
     assert errors.std() == pytest.approx(np.median(radii.sd), rel=0.15)
@@ -213,7 +266,11 @@ def test_points_before_the_wall_do_not_pull():
 def test_sparse_sections_reach_further_and_never_pretend():
     radii = local_radii(ring(300, np.random.default_rng(14), oval, sigma=0.003))
     seen = ~radii.gaps
-    assert seen.sum() > 200 and np.all(radii.reach[seen] > 0.5 * STEP) and np.all(radii.reach[seen] <= np.radians(10.0) + 1e-12)
+    assert (
+        seen.sum() > 200
+        and np.all(radii.reach[seen] > 0.5 * STEP)
+        and np.all(radii.reach[seen] <= np.radians(10.0) + 1e-12)
+    )
     assert np.all(radii.count[seen] >= 1.0) and np.all(radii.sd[seen] > 0)
     assert np.abs((radii.radius - oval(DIRECTIONS))[seen]).max() < 0.015
 
@@ -227,7 +284,10 @@ POINTS = np.array([[0.0, 5.0, 3.0]])
 @pytest.mark.parametrize(
     "call, message",
     [
-        (lambda: cut(POINTS, AXIS, [11.0]), r"between 0 and the axis' length of 10.000 m, got 11 to 11 m"),
+        (
+            lambda: cut(POINTS, AXIS, [11.0]),
+            r"between 0 and the axis' length of 10.000 m, got 11 to 11 m",
+        ),
         (lambda: cut(POINTS, AXIS, []), "got none"),
         (lambda: cut(POINTS, AXIS, [np.nan]), "chainages: expected finite"),
         (lambda: cut(POINTS, AXIS, [5.0], thickness=0.0), "thickness: expected a positive"),
@@ -236,7 +296,10 @@ POINTS = np.array([[0.0, 5.0, 3.0]])
         (lambda: cut(POINTS[None], AXIS, [5.0]), "one cloud"),
         (lambda: local_radii(cut(POINTS, AXIS, [5.0])[0]), "at least 5 points, got 1"),
         (lambda: local_radii(ring(100, np.random.default_rng(1)), [90.0]), "in rad between"),
-        (lambda: local_radii(ring(100, np.random.default_rng(1)), step=0.0), "step: expected a positive"),
+        (
+            lambda: local_radii(ring(100, np.random.default_rng(1)), step=0.0),
+            "step: expected a positive",
+        ),
     ],
 )
 def test_bad_input_is_refused(call, message):

@@ -6,5 +6,7 @@ from studies.paths import FIGURES, RESULTS, output
 
 def exported(stem):
     """The table that a figure was published with; both pictures must be there and not be empty."""
-    assert all(output(FIGURES / f"{stem}.{kind}").stat().st_size > 10_000 for kind in ("png", "svg"))
+    assert all(
+        output(FIGURES / f"{stem}.{kind}").stat().st_size > 10_000 for kind in ("png", "svg")
+    )
     return tables.read(output(RESULTS / f"{stem}.csv"))

@@ -45,18 +45,28 @@ def test_accuracy_shows_errors_and_claims(scan):
     table = ground_scan.accuracy(fits, ground_scan.truth(1.17), np.array([0.0, 20.0]))
     figures.accuracy({"clean": table, "cluttered": table})
     data = exported("08_plane_scan_accuracy")
-    pd.testing.assert_frame_equal(data[data["scene"] == "clean"].drop(columns="scene"), table, rtol=1e-7, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        data[data["scene"] == "clean"].drop(columns="scene"), table, rtol=1e-7, check_dtype=False
+    )
     marks = [line.get_xdata()[0] for line in pyplot.gcf().axes[1].lines]
-    assert marks == [value for row in table.itertuples() for value in (row.claimed_mm, row.height_mm)]
+    assert marks == [
+        value for row in table.itertuples() for value in (row.claimed_mm, row.height_mm)
+    ]
 
 
 def test_convergence_draws_every_run_on_every_problem():
     history = convergence.study()
     figures.convergence(history)
-    pd.testing.assert_frame_equal(exported("08_plane_scan_convergence"), history, rtol=1e-7, check_dtype=False)
-    for ax, (_, rows) in zip(pyplot.gcf().axes, history.groupby("problem", sort=False), strict=True):
+    pd.testing.assert_frame_equal(
+        exported("08_plane_scan_convergence"), history, rtol=1e-7, check_dtype=False
+    )
+    for ax, (_, rows) in zip(
+        pyplot.gcf().axes, history.groupby("problem", sort=False), strict=True
+    ):
         curves = {line.get_label(): line for line in ax.lines}
         for run, (algorithm, _, label) in convergence.RUNS.items():
             excess = rows[rows["run"] == run]["excess"]
-            np.testing.assert_array_equal(curves[label].get_ydata(), np.maximum(excess, figures.FLOOR))
+            np.testing.assert_array_equal(
+                curves[label].get_ydata(), np.maximum(excess, figures.FLOOR)
+            )
             assert curves[label].get_color() == ALGORITHMS[algorithm].colour

@@ -15,7 +15,10 @@ from . import exported
 def test_recovery_shows_the_setting_where_all_five_fit():
     sides, sigmas = np.geomspace(0.14, 0.36, 4), np.geomspace(0.017, 0.029, 4)
     layouts = list(clouds.PLANE_LAYOUTS)[:2]
-    maps = {name: recovery.search(sides, sigmas, 40, name)[recovery.LITERAL].compared(3) for name in layouts}
+    maps = {
+        name: recovery.search(sides, sigmas, 40, name)[recovery.LITERAL].compared(3)
+        for name in layouts
+    }
     maps |= {name: maps[layouts[0]] for name in list(clouds.PLANE_LAYOUTS)[2:]}
     figures.recovery(maps, (0.2, 0.0224))
     data = exported("07_plane_simulation_recovery")
@@ -41,7 +44,9 @@ def test_experiments_shows_all_of_them_and_the_printed_numbers():
 def test_errors_has_a_mark_at_every_bias():
     table = errors.study([0.2, 2.0], 20)
     figures.errors(table)
-    pd.testing.assert_frame_equal(exported("07_plane_simulation_errors"), table, rtol=1e-7, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        exported("07_plane_simulation_errors"), table, rtol=1e-7, check_dtype=False
+    )
     axes = pyplot.gcf().axes
     marks = [line for line in axes[4].lines if line.get_marker() != "None"]
     rows = table[table["side_m"] == 2.0]

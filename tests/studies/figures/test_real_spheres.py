@@ -28,7 +28,9 @@ def table(tmp_path, monkeypatch):
 
 
 def assert_same(found, expected):
-    pd.testing.assert_frame_equal(found, expected.reset_index(drop=True), rtol=1e-8, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        found, expected.reset_index(drop=True), rtol=1e-8, check_dtype=False
+    )
 
 
 def test_section(table):
@@ -37,11 +39,16 @@ def test_section(table):
     shown = exported("04_test_section")
     circles = shown[shown["method"].notna()]
     whole = real_spheres.section_circles(SCAN, WHOLE)
-    assert_same(circles[circles["half_width_mm"] == np.inf][list(whole.columns)].reset_index(drop=True), whole)
+    assert_same(
+        circles[circles["half_width_mm"] == np.inf][list(whole.columns)].reset_index(drop=True),
+        whole,
+    )
     left, right = figure.axes
     drawn = [patch for patch in left.patches if patch.get_radius() != 50]
     assert [patch.get_radius() for patch in drawn] == whole["radius_mm"].tolist()
-    assert [patch.center for patch in drawn] == list(zip(whole["along_mm"], whole["across_mm"], strict=True))
+    assert [patch.center for patch in drawn] == list(
+        zip(whole["along_mm"], whole["across_mm"], strict=True)
+    )
     points = real_spheres.section(SCAN, 0.01, 0.003)
     on, off = (line.get_xdata().tolist() for line in left.lines)
     assert sorted(on + off) == sorted(points["along_mm"])
@@ -54,11 +61,16 @@ def test_errors(table):
     table = pd.concat([table, peer])
     figures.errors(table, 0.4, "04_test_errors")
     figure = pyplot.gcf()
-    assert_same(exported("04_test_errors"), table[["half_width_mm", "scan", "method", "center_error_mm", "sd_center_mm"]])
+    assert_same(
+        exported("04_test_errors"),
+        table[["half_width_mm", "scan", "method", "center_error_mm", "sd_center_mm"]],
+    )
     assert len(figure.axes) == 3
     drawn = [line.get_xdata()[0] for line in figure.axes[0].lines if len(line.get_xdata()) == 1]
     whole = table[table["half_width_mm"] == WHOLE]
-    assert sorted(x for x in drawn if x == x) == sorted([*whole["center_error_mm"], *whole["sd_center_mm"].dropna()])
+    assert sorted(x for x in drawn if x == x) == sorted(
+        [*whole["center_error_mm"], *whole["sd_center_mm"].dropna()]
+    )
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()][-1] == "scipy cauchy"
 
 

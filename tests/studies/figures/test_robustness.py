@@ -13,7 +13,9 @@ from . import exported
 
 
 def assert_exported(stem, expected):
-    pd.testing.assert_frame_equal(exported(stem), expected.reset_index(drop=True), rtol=1e-8, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        exported(stem), expected.reset_index(drop=True), rtol=1e-8, check_dtype=False
+    )
 
 
 def drawn(ax):
@@ -21,7 +23,9 @@ def drawn(ax):
     curves = {}
     for bars in ax.containers:
         line = bars.lines[0]
-        curves.setdefault(bars.get_label(), []).append((line.get_xdata().tolist(), line.get_ydata().tolist(), line.get_color()))
+        curves.setdefault(bars.get_label(), []).append(
+            (line.get_xdata().tolist(), line.get_ydata().tolist(), line.get_color())
+        )
     return curves
 
 
@@ -36,7 +40,12 @@ def test_bias():
         assert (angles, along) == ([60, 80], rows["along_mm"].tolist())
         assert colour == SPHERE_METHODS[variant.split(",")[0]].colour
         ((sigmas, radius, _),) = drawn(figure.axes[3])[figures.VARIANTS[variant][4]]
-        assert (sigmas, radius) == ([1, 2], table[(table["variant"] == variant) & (table["half_angle_deg"] == 80)]["radius_mm"].tolist())
+        assert (sigmas, radius) == (
+            [1, 2],
+            table[(table["variant"] == variant) & (table["half_angle_deg"] == 80)][
+                "radius_mm"
+            ].tolist(),
+        )
 
 
 def test_efficiency():
@@ -62,14 +71,18 @@ def test_breakdown():
 
 
 def test_coverage():
-    table = coverage.study(6, 30, 1, 80, [0, 0.2], {"isotropic": 0.002, "larger": 0.004}, ["ls", "robust"])
+    table = coverage.study(
+        6, 30, 1, 80, [0, 0.2], {"isotropic": 0.002, "larger": 0.004}, ["ls", "robust"]
+    )
     figures.coverage(table)
     figure = pyplot.gcf()
     assert_exported("06_robustness_coverage", table)
     curves = drawn(figure.axes[2])
     for method in ("ls", "robust"):
         rows = table[(table["noise"] == "larger") & (table["method"] == method)]
-        assert [x for (x,), _, _ in curves[figures.VARIANTS[method][4]]] == rows["held_percent"].tolist()
+        assert [x for (x,), _, _ in curves[figures.VARIANTS[method][4]]] == rows[
+            "held_percent"
+        ].tolist()
 
 
 def test_collapse():
@@ -81,8 +94,12 @@ def test_collapse():
     of_one_cloud = shown[shown["panel"] == "one cloud"][steps.columns].reset_index(drop=True)
     pd.testing.assert_frame_equal(of_one_cloud, steps, rtol=1e-8, check_dtype=False)
     variant = "weighted, cumulative"
-    line = next(line for line in figure.axes[0].lines if line.get_label() == figures.SCALES[variant][2])
+    line = next(
+        line for line in figure.axes[0].lines if line.get_label() == figures.SCALES[variant][2]
+    )
     assert line.get_ydata().tolist() == steps[steps["variant"] == variant]["left"].tolist()
     distribution = shown[(shown["panel"] == "redraws") & (shown["variant"] == variant)]
     left = np.sort(ends[ends["variant"] == variant]["left"])
-    assert distribution["percent"].iloc[-1] == 100 and distribution["left"].tolist() == sorted(set(left))
+    assert distribution["percent"].iloc[-1] == 100 and distribution["left"].tolist() == sorted(
+        set(left)
+    )

@@ -27,7 +27,9 @@ def test_the_cloud_is_drawn_with_its_gross_errors_numbered():
     np.testing.assert_allclose(gross, data.loc[data["gross"] == 1, ["number", "distance_m"]])
     assert len(good) == 495
     for axes in (right, space):
-        assert {text.get_text().strip() for text in axes.texts} >= {str(number) for number in clouds.GROSS_POINTS}
+        assert {text.get_text().strip() for text in axes.texts} >= {
+            str(number) for number in clouds.GROSS_POINTS
+        }
 
 
 def test_the_noise_is_drawn_and_exported():

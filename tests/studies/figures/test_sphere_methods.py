@@ -17,12 +17,20 @@ def test_every_reading_has_a_mark_at_its_change():
     sphere_methods.readings(changes, sd_center=1e-3)
     data = exported("02_sphere_methods_readings")
     pd.testing.assert_frame_equal(data, changes, check_dtype=False)
-    for panel, (_, rows) in zip(pyplot.gcf().axes, changes.groupby("cloud", sort=False), strict=True):
-        marks = {int(line.get_ydata()[0]): line.get_xdata()[0] for line in panel.lines if len(line.get_xdata()) == 1}
+    for panel, (_, rows) in zip(
+        pyplot.gcf().axes, changes.groupby("cloud", sort=False), strict=True
+    ):
+        marks = {
+            int(line.get_ydata()[0]): line.get_xdata()[0]
+            for line in panel.lines
+            if len(line.get_xdata()) == 1
+        }
         expected = rows["center_mm"].fillna(sphere_methods.FAILED).clip(lower=sphere_methods.NONE)
         np.testing.assert_allclose([marks[i] for i in range(len(rows))], expected)
     labels = [tick.get_text() for tick in pyplot.gcf().axes[0].get_yticklabels()]
-    assert [label.split("  (")[0] for label in labels] == [reading.name for reading in readings.READINGS]
+    assert [label.split("  (")[0] for label in labels] == [
+        reading.name for reading in readings.READINGS
+    ]
 
 
 def test_every_method_has_a_curve_in_both_panels():

@@ -39,30 +39,51 @@ def test_errors(studies):
     figures.errors(studies, {method.label: name for name, method in SPHERE_METHODS.items()})
     data = exported("03_sphere_tables_errors")
     assert len(data) == 2 * 4 * len(SPHERE_METHODS)
-    line = data[(data["table"] == 2) & (data["parameter"] == "c") & (data["method"] == "tls")].iloc[0]
+    line = data[(data["table"] == 2) & (data["parameter"] == "c") & (data["method"] == "tls")].iloc[
+        0
+    ]
     size = 1e3 * studies[2][SPHERE_METHODS["tls"].label]["delta_c_m"].abs()
-    np.testing.assert_allclose(line[["q025_mm", "q25_mm", "q50_mm", "q75_mm", "q975_mm"]].astype(float), size.quantile(figures.QUANTILES))
+    np.testing.assert_allclose(
+        line[["q025_mm", "q25_mm", "q50_mm", "q75_mm", "q975_mm"]].astype(float),
+        size.quantile(figures.QUANTILES),
+    )
     assert line["printed_mm"] == pytest.approx(11151.1)
     assert data.loc[data["method"] == "mixed_ls_tls", "printed_mm"].isna().all()
     axes = np.reshape(pyplot.gcf().axes, (4, 2))
     shown = data[(data["table"] == 1) & (data["parameter"] == "b")]
-    medians = [drawn.get_xdata()[0] for drawn in axes[1, 0].lines if drawn.get_marker() in figures.MARKERS.values()]
+    medians = [
+        drawn.get_xdata()[0]
+        for drawn in axes[1, 0].lines
+        if drawn.get_marker() in figures.MARKERS.values()
+    ]
     np.testing.assert_allclose(medians, shown["q50_mm"])
 
 
 def test_printed_errors_stand_beside_the_default_only(studies):
     label = SPHERE_METHODS["igg3_wtls"].label
-    both = {table: {label: study[label], "another reading": study[label]} for table, study in studies.items()}
+    both = {
+        table: {label: study[label], "another reading": study[label]}
+        for table, study in studies.items()
+    }
     figures.errors(both, {label: "igg3_wtls", "another reading": "igg3_wtls"})
     data = exported("03_sphere_tables_errors")
-    assert data.groupby("variant")["printed_mm"].count().to_dict() == {label: 8, "another reading": 0}
+    assert data.groupby("variant")["printed_mm"].count().to_dict() == {
+        label: 8,
+        "another reading": 0,
+    }
 
 
 def test_positions(studies):
     comparisons = []
     for table, study in studies.items():
-        redraws = printed_quantities({name: study[method.label] for name, method in SPHERE_METHODS.items()})
-        comparisons.append(printed.comparison_table(table, {key: values[0] for key, values in redraws.items()}, redraws))
+        redraws = printed_quantities(
+            {name: study[method.label] for name, method in SPHERE_METHODS.items()}
+        )
+        comparisons.append(
+            printed.comparison_table(
+                table, {key: values[0] for key, values in redraws.items()}, redraws
+            )
+        )
     figures.positions(comparisons)
     data = exported("03_sphere_tables_positions")
     assert len(data) == 36
@@ -84,13 +105,21 @@ def test_maps(clouds):
     figures.maps(clouds[1], clouds[2], fits)
     data = exported("03_sphere_tables_maps")
     panels = [panel for _, panel in data.groupby("panel", sort=False)]
-    values = [1e3 * fits["ls gross"].distances, 1e3 * fits["igg gross"].distances, fits["igg gross"].weights, fits["igg clean"].weights]
+    values = [
+        1e3 * fits["ls gross"].distances,
+        1e3 * fits["igg gross"].distances,
+        fits["igg gross"].weights,
+        fits["igg clean"].weights,
+    ]
     for panel, points, value in zip(panels, [clouds[2]] * 3 + [clouds[1]], values, strict=True):
         np.testing.assert_array_equal(panel[["x_m", "y_m"]], points[:, :2])
         np.testing.assert_allclose(panel["value"], value)
     for ax in pyplot.gcf().axes[:4]:
         drawn = {tuple(place) for marks in ax.collections for place in marks.get_offsets().tolist()}
-        assert len(drawn) == len({tuple(place) for place in clouds[2][:, :2].tolist()}) or ax is pyplot.gcf().axes[3]
+        assert (
+            len(drawn) == len({tuple(place) for place in clouds[2][:, :2].tolist()})
+            or ax is pyplot.gcf().axes[3]
+        )
     assert "5 lost" in panels[2]["panel"].iloc[0]
 
 
@@ -99,7 +128,11 @@ def test_weights(clouds):
     depths = np.array([2.5, 0.012, 2, 2, 2])
     figures.weights({"one": (depths, fit), "two": (depths, fit)})
     data = exported("03_sphere_tables_weights")
-    found = data[data["case"] == "two"].pivot(index="iteration", columns="number", values="weight").to_numpy()
+    found = (
+        data[data["case"] == "two"]
+        .pivot(index="iteration", columns="number", values="weight")
+        .to_numpy()
+    )
     np.testing.assert_allclose(found, [step.weights[ROWS] for step in fit.history[:10]])
     assert (found[0] == 1).all() and (found[1:] == 0).all()
     labels = [text.get_text() for text in pyplot.gcf().axes[0].get_legend().get_texts()]

@@ -38,7 +38,11 @@ def labelled(cloud, other=INSIDE):
 
 def drawn(ax):
     """label -> (x, y) of every line that has one."""
-    return {line.get_label(): line.get_xydata() for line in ax.lines if not line.get_label().startswith("_")}
+    return {
+        line.get_label(): line.get_xydata()
+        for line in ax.lines
+        if not line.get_label().startswith("_")
+    }
 
 
 def test_map(scans):
@@ -50,7 +54,11 @@ def test_map(scans):
     assert_allclose(shown[["x", "y", "z"]], net[["x", "y", "z"]], atol=1e-5)
     assert_allclose(drawn(pyplot.gcf().axes[1])["control net"], net[["y", "z"]])
     stations = table[table["kind"] == "station of epoch 2"]
-    assert_allclose(stations[["x", "y", "z"]], [one.pose.position for one in scans.epochs[1].stations], atol=1e-5)
+    assert_allclose(
+        stations[["x", "y", "z"]],
+        [one.pose.position for one in scans.epochs[1].stations],
+        atol=1e-5,
+    )
 
 
 def test_start():
@@ -58,21 +66,35 @@ def test_start():
     figures.start(table)
     pd.testing.assert_frame_equal(exported("09_tunnel_campaign_start"), table, check_dtype=False)
     curves = drawn(pyplot.gcf().axes[0])
-    assert curves["found, started from R = I"][:, 1].tolist() == table["found_from_identity_percent"].tolist()
+    assert (
+        curves["found, started from R = I"][:, 1].tolist()
+        == table["found_from_identity_percent"].tolist()
+    )
 
 
 def test_between():
-    """Errors as markers, 1.96 standard deviations as lines to either side, rightwards above and upwards below."""
+    """Errors as markers, 1.96 standard deviations as lines to either side, rightwards above and
+    upwards below.
+    """
     numbers = np.random.default_rng(1).uniform(0.5, 2.0, (6, 5))
     columns = ["right_mm", "right_sd_mm", "up_mm", "up_sd_mm", "chi_squared"]
-    table = pd.DataFrame(numbers, columns=columns).assign(registration=["singly"] * 3 + ["jointly"] * 3, chainage_m=[5.0, 15.0, 25.0] * 2)
+    table = pd.DataFrame(numbers, columns=columns).assign(
+        registration=["singly"] * 3 + ["jointly"] * 3, chainage_m=[5.0, 15.0, 25.0] * 2
+    )
     figures.between(table)
-    pd.testing.assert_frame_equal(exported("09_tunnel_campaign_between"), table, rtol=1e-8, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        exported("09_tunnel_campaign_between"), table, rtol=1e-8, check_dtype=False
+    )
     for ax, direction in zip(pyplot.gcf().axes, ("right", "up"), strict=True):
         for words, rows in table.groupby("registration"):
-            at, shift, sd = rows[["chainage_m", f"{direction}_mm", f"{direction}_sd_mm"]].to_numpy().T
+            at, shift, sd = (
+                rows[["chainage_m", f"{direction}_mm", f"{direction}_sd_mm"]].to_numpy().T
+            )
             assert_allclose(drawn(ax)[f"{words}: true"], np.stack([at, shift], axis=-1))
-            assert_allclose(drawn(ax)[f"{words}: stated, ±1.96 standard deviations"], np.stack([at, 1.96 * sd], axis=-1))
+            assert_allclose(
+                drawn(ax)[f"{words}: stated, ±1.96 standard deviations"],
+                np.stack([at, 1.96 * sd], axis=-1),
+            )
             assert any(np.array_equal(line.get_ydata(), -1.96 * sd) for line in ax.lines)
 
 
@@ -86,7 +108,10 @@ def test_stickers(scans):
 
 
 def test_axis(scans, zones):
-    axes = {"printed, 45 m": printed_axis(zones[0].points, 1.0), "robust, whole tunnel": straight([0.0, -65.0, 0.0], [0.0, 65.0, 0.0])}
+    axes = {
+        "printed, 45 m": printed_axis(zones[0].points, 1.0),
+        "robust, whole tunnel": straight([0.0, -65.0, 0.0], [0.0, 65.0, 0.0]),
+    }
     figures.axis(zones[0], axes, scans.tunnel, step=1.0)
     table = exported("09_tunnel_campaign_axis")
     y, middle = mid_values(zones[0].points, 1.0)
@@ -95,7 +120,9 @@ def test_axis(scans, zones):
     printed = table[table["kind"] == "printed axis"]
     x, z = axes["printed, 45 m"].local_curve(printed["y_m"].to_numpy())[0]
     assert_allclose(printed[["x_m", "z_m"]], np.column_stack([x, z]), atol=1e-4)
-    assert_allclose(drawn(pyplot.gcf().axes[0])["mid-values of 0.1 m"], np.column_stack([y, middle[:, 0]]))
+    assert_allclose(
+        drawn(pyplot.gcf().axes[0])["mid-values of 0.1 m"], np.column_stack([y, middle[:, 0]])
+    )
 
 
 def test_filter(scans, zones):
@@ -109,8 +136,17 @@ def test_filter(scans, zones):
 
 
 def test_crown():
-    cells = pd.DataFrame({"rule": list(figures.RULES), "chainage_m": 50.0, "alpha_deg": [0.0, 0.0, 90.0], "true_mm": -20.0})
-    cells = cells.assign(before_mm=-19.5, after_mm=[-15.0, -19.4, -19.3], kept_percent=[40.0, 99.0, 98.0])
+    cells = pd.DataFrame(
+        {
+            "rule": list(figures.RULES),
+            "chainage_m": 50.0,
+            "alpha_deg": [0.0, 0.0, 90.0],
+            "true_mm": -20.0,
+        }
+    )
+    cells = cells.assign(
+        before_mm=-19.5, after_mm=[-15.0, -19.4, -19.3], kept_percent=[40.0, 99.0, 98.0]
+    )
     figures.crown(cells)
     table = exported("09_tunnel_campaign_crown")
     assert table["after_mm"].tolist() == [-15.0, -19.4]  # 90° is not the crown
@@ -123,25 +159,38 @@ def test_the_rules_are_those_of_the_study():
 
 
 def test_epochs(scans, zones):
-    figures.epochs(dict(enumerate(zones, 1)), {k: labelled(zone) for k, zone in enumerate(zones, 1)}, scans.tunnel, 50.0, 2.0)
+    figures.epochs(
+        dict(enumerate(zones, 1)),
+        {k: labelled(zone) for k, zone in enumerate(zones, 1)},
+        scans.tunnel,
+        50.0,
+        2.0,
+    )
     table = exported("09_tunnel_campaign_epochs")
     section = table[(table["view"] == "section") & (table["epoch"] == 2)]
     u, v = pyplot.gcf().axes[1].lines[1].get_xydata().T
     departure = (np.hypot(u, v) - figures.RADIUS) / figures.EXAGGERATED
     assert_allclose(departure, section["rho_m"] - figures.RADIUS, atol=1e-5)
-    assert len(table[table["view"] == "side"]) == sum(len(zone.points[:: max(1, len(zone) // figures.SHOWN)]) for zone in zones)
+    assert len(table[table["view"] == "side"]) == sum(
+        len(zone.points[:: max(1, len(zone) // figures.SHOWN)]) for zone in zones
+    )
 
 
 def test_density_and_sections(scans):
     setups = [one.setup for one in scans.epochs[0].stations]
     full = {"55 m": density.full_section(scans.tunnel, setups, 55.0, density=100_000)}
     readings = density.readings(full, scans.tunnel, (1.0, 0.5), 1)
-    counts = pd.DataFrame({"epoch": [1, 2], "station_m": [5.0, 3.0], "at_full_density": [4000.0, 10_000.0]})
+    counts = pd.DataFrame(
+        {"epoch": [1, 2], "station_m": [5.0, 3.0], "at_full_density": [4000.0, 10_000.0]}
+    )
     figures.density(counts, readings)
     table = exported("09_tunnel_campaign_density")
     assert table.loc[table["panel"] == "section", "at_full_density"].tolist() == [4000, 10_000]
     of = readings[readings["reading"] == "equal angles"].sort_values("points")
-    assert drawn(pyplot.gcf().axes[1])["gaps, equal angles"].tolist() == of[["points", "gaps_percent"]].to_numpy().tolist()
+    assert (
+        drawn(pyplot.gcf().axes[1])["gaps, equal angles"].tolist()
+        == of[["points", "gaps_percent"]].to_numpy().tolist()
+    )
 
     section = density.noisy(full["55 m"], scans.tunnel, 1)
     figures.sections({"55 m": section}, scans.tunnel, 1)

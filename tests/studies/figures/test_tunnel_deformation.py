@@ -23,12 +23,21 @@ def once():
 
 
 def assert_exported(name, expected):
-    pd.testing.assert_frame_equal(exported(f"10_tunnel_deformation_{name}"), expected.reset_index(drop=True), rtol=1e-8, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        exported(f"10_tunnel_deformation_{name}"),
+        expected.reset_index(drop=True),
+        rtol=1e-8,
+        check_dtype=False,
+    )
 
 
 def curve(ax, colour):
     """Points of the first line of this colour."""
-    return np.array(next(line for line in ax.lines if line.get_color() == colour and len(line.get_xdata()) > 100).get_data())
+    return np.array(
+        next(
+            line for line in ax.lines if line.get_color() == colour and len(line.get_xdata()) > 100
+        ).get_data()
+    )
 
 
 def test_projection(once):
@@ -38,7 +47,11 @@ def test_projection(once):
     np.testing.assert_allclose(points[["right_m", "up_m"]], once[0].points[1][0, :, :2], rtol=1e-8)
     np.testing.assert_allclose(points["along_mm"], 1e3 * once[0].points[1][0, :, 2], rtol=1e-7)
     plane = pyplot.gcf().axes[1]
-    np.testing.assert_allclose(curve(plane, figures.CHANGE).T, shown[shown["kind"] == "ellipse"][["right_m", "up_m"]], rtol=1e-8)
+    np.testing.assert_allclose(
+        curve(plane, figures.CHANGE).T,
+        shown[shown["kind"] == "ellipse"][["right_m", "up_m"]],
+        rtol=1e-8,
+    )
     assert sum(len(line.get_xdata()) for line in plane.lines[:2]) == len(points)
 
 
@@ -50,14 +63,23 @@ def test_polar(once):
         np.testing.assert_allclose(of["difference_mm"], 1e3 * one.change.difference[0], rtol=1e-8)
         np.testing.assert_allclose(of["true_mm"], 1e3 * one.truth, rtol=1e-6, atol=1e-7)
         below = pyplot.gcf().axes[len(once) + k]
-        np.testing.assert_allclose(curve(below, figures.EPOCHS[1]), [of["angle_deg"], of["difference_mm"]], rtol=1e-8)
+        np.testing.assert_allclose(
+            curve(below, figures.EPOCHS[1]), [of["angle_deg"], of["difference_mm"]], rtol=1e-8
+        )
     above = pyplot.gcf().axes[0]
     first, second = (np.hypot(*curve(above, colour)) for colour in figures.EPOCHS)
-    np.testing.assert_allclose(second - first, figures.TIMES * once[0].change.difference[0], atol=1e-9)
+    np.testing.assert_allclose(
+        second - first, figures.TIMES * once[0].change.difference[0], atol=1e-9
+    )
 
 
 def test_classes(once):
-    points = pd.concat([section_study.single_points(one.section, tuple(epoch[0] for epoch in one.points)) for one in once])
+    points = pd.concat(
+        [
+            section_study.single_points(one.section, tuple(epoch[0] for epoch in one.points))
+            for one in once
+        ]
+    )
     figures.classes(points, {65.0: "squat", 25.0: "dent"})
     assert_exported("classes", points)
     ax = pyplot.gcf().axes[0]
@@ -70,10 +92,20 @@ def test_classes(once):
 
 
 def test_alarms():
-    table = pd.DataFrame({"section": ["25 m", "85 m", ALL], "flagged_percent": [0.0, 1.0, 0.5], "changed_percent": [100.0, 4.0, 52.0]})
+    table = pd.DataFrame(
+        {
+            "section": ["25 m", "85 m", ALL],
+            "flagged_percent": [0.0, 1.0, 0.5],
+            "changed_percent": [100.0, 4.0, 52.0],
+        }
+    )
     figures.alarms(table, {"85 m": "nothing", "25 m": "dent"})
     assert_exported("alarms", table.iloc[[1, 0]])
-    marks = [(line.get_marker(), *line.get_xdata(), *line.get_ydata()) for line in pyplot.gcf().axes[0].lines if line.get_marker() in "os"]
+    marks = [
+        (line.get_marker(), *line.get_xdata(), *line.get_ydata())
+        for line in pyplot.gcf().axes[0].lines
+        if line.get_marker() in "os"
+    ]
     assert marks == [("s", 1.0, 0), ("o", 4.0, 0), ("s", 0.0, 1), ("o", 100.0, 1)]
 
 
@@ -101,6 +133,8 @@ def test_ellipsoid():
     assert_exported("ellipsoid", study)
     left, right = pyplot.gcf().axes
     rows = study[(study["tilt_deg"] == 10) & (study["points"] == 200)]
-    (line,) = [line for line in left.lines if line.get_label() == "ellipse tilted by 10°, 200 points"]
+    (line,) = [
+        line for line in left.lines if line.get_label() == "ellipse tilted by 10°, 200 points"
+    ]
     np.testing.assert_allclose(line.get_ydata(), 100 * rows["imaginary"])
     assert len(right.lines) == 4

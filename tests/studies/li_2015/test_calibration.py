@@ -1,4 +1,6 @@
-"""The intervals hold what they say, the tests give the false alarms they say, and how the work is shared out changes nothing."""
+"""The intervals hold what they say, the tests give the false alarms they say, and how the work is
+shared out changes nothing.
+"""
 
 from dataclasses import replace
 
@@ -26,13 +28,16 @@ def off(section, sd=0.001):
 
 def test_intervals_hold_the_truth(sections):
     exact = [sections[SQUAT], sections[QUIET]]
-    table = coverage({"noise": exact, "registration": [off(section) for section in exact]}, 100, 1, n_points=50)
+    table = coverage(
+        {"noise": exact, "registration": [off(section) for section in exact]}, 100, 1, n_points=50
+    )
     together = table[table["section"] == ALL]
     assert table["case"].tolist() == ["noise"] * 3 + ["registration"] * 3
     assert table["section"].tolist() == ["65 m", "95 m", ALL] * 2
     assert np.all(np.abs(together["held_percent"] - 95) < 2 + 3 * together["held_se_percent"])
     assert np.all(np.abs(together["rmse_mm"] / together["stated_mm"] - 1) < 0.15)
-    # A registration error is rigid: it is in Δρ and hardly, where two stations see the section, in what is left without its rigid part.
+    # A registration error is rigid: it is in Δρ and hardly, where two stations see the section, in
+    # what is left without its rigid part.
     without, with_it = table[["rmse_mm", "rmse_within_mm"]].to_numpy()[[2, 5]]
     assert with_it[0] > without[0] + 0.1 and abs(with_it[1] / without[1] - 1) < 0.2
 
@@ -45,10 +50,15 @@ def test_all_is_made_of_the_sections(sections):
 
 
 def test_alarms_in_a_quiet_section_and_in_a_dented_one(sections):
-    quiet, dent, _ = alarms([off(sections[QUIET]), off(sections[DENT])], 40, 1, workers=2).itertuples()
-    assert quiet.changed_percent <= 5 + 4 * quiet.changed_se_percent and quiet.significant_percent < 9
+    quiet, dent, _ = alarms(
+        [off(sections[QUIET]), off(sections[DENT])], 40, 1, workers=2
+    ).itertuples()
+    assert (
+        quiet.changed_percent <= 5 + 4 * quiet.changed_se_percent and quiet.significant_percent < 9
+    )
     assert quiet.flagged_percent == 0 and quiet.beyond_12_mm_percent <= quiet.beyond_6_mm_percent
-    assert dent.changed_percent == 100 and dent.flagged_percent < 10  # the rule misses what is narrow
+    # the rule misses what is narrow
+    assert dent.changed_percent == 100 and dent.flagged_percent < 10
     assert quiet.changed_se_percent == pytest.approx(100 * np.sqrt(0.05 * 0.95 / 40))
 
 

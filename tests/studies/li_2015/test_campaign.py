@@ -1,4 +1,6 @@
-"""The studies of a simulated campaign: exact measurements leave no error, a known error reappears, and stated accuracies hold."""
+"""The studies of a simulated campaign: exact measurements leave no error, a known error reappears,
+and stated accuracies hold.
+"""
 
 from dataclasses import replace
 
@@ -11,10 +13,28 @@ from analysis.tunnel.filter import INSIDE, LINING, FilteredLining
 from analysis.tunnel.registration import register_stations
 from analysis.tunnel.sections import Radii, cut, local_radii
 from studies.li_2015 import accuracy, density, filter_deformation, registration
-from studies.li_2015 import campaign as campaign_study
 from studies.li_2015 import axis as axis_study
-from studies.li_2015.campaign import Cloud, control_net, joined, observed_targets, register, station_names
-from studies.simulation.tunnel import ATTACHMENTS, CODES, SECTIONS, ZONE, Alignment, Lining, Tunnel, campaign, default_tunnel, survey
+from studies.li_2015 import campaign as campaign_study
+from studies.li_2015.campaign import (
+    Cloud,
+    control_net,
+    joined,
+    observed_targets,
+    register,
+    station_names,
+)
+from studies.simulation.tunnel import (
+    ATTACHMENTS,
+    CODES,
+    SECTIONS,
+    ZONE,
+    Alignment,
+    Lining,
+    Tunnel,
+    campaign,
+    default_tunnel,
+    survey,
+)
 from studies.simulation.tunnel.campaign import station_grid
 
 TUNNEL = default_tunnel()
@@ -32,18 +52,27 @@ def surveyed():
 
 
 def exact(epoch):
-    """The epoch with targets and stickers measured without error; each keeps the errors of the control net and of the total station."""
+    """The epoch with targets and stickers measured without error; each keeps the errors of the
+    control net and of the total station.
+    """
     stations = tuple(
-        replace(one, targets=replace(one.targets, scanned=one.pose.to_instrument(one.targets.control))) for one in epoch.stations
+        replace(
+            one, targets=replace(one.targets, scanned=one.pose.to_instrument(one.targets.control))
+        )
+        for one in epoch.stations
     )
     found = epoch.stickers
     poses = [epoch.stations[place].pose for place in found.station]
-    scanned = np.array([pose.to_instrument(point) for pose, point in zip(poses, found.total_station, strict=True)])
+    scanned = np.array(
+        [pose.to_instrument(point) for pose, point in zip(poses, found.total_station, strict=True)]
+    )
     return replace(epoch, stations=stations, stickers=replace(found, scanned=scanned))
 
 
 def moved(epoch, place, shift):
-    """The epoch whose station has come to stand elsewhere, unknown to those who measured its targets."""
+    """The epoch whose station has come to stand elsewhere, unknown to those who measured its
+    targets.
+    """
     stations = list(epoch.stations)
     pose = stations[place].pose
     stations[place] = replace(stations[place], pose=replace(pose, position=pose.position + shift))
@@ -57,7 +86,10 @@ def test_joined_scans_lie_where_they_were_taken(scans):
     epoch = scans.epochs[0]
     cloud = joined(epoch, register(epoch))
     true = joined(epoch).points
-    assert np.array_equal(true[: len(epoch.stations[0])], epoch.stations[0].pose.to_engineering(epoch.stations[0].points))
+    assert np.array_equal(
+        true[: len(epoch.stations[0])],
+        epoch.stations[0].pose.to_engineering(epoch.stations[0].points),
+    )
     assert len(cloud) == sum(map(len, epoch.stations))
     assert 0 < np.linalg.norm(cloud.points - true, axis=-1).max() < 0.05
     assert np.array_equal(np.bincount(cloud.stations), [len(one) for one in epoch.stations])
@@ -66,7 +98,13 @@ def test_joined_scans_lie_where_they_were_taken(scans):
 def test_exact_targets_join_exactly(scans):
     epoch = scans.epochs[1]
     stations = tuple(
-        replace(one, setup=replace(one.setup, targets=replace(one.targets, scanned=one.pose.to_instrument(one.targets.control))))
+        replace(
+            one,
+            setup=replace(
+                one.setup,
+                targets=replace(one.targets, scanned=one.pose.to_instrument(one.targets.control)),
+            ),
+        )
         for one in epoch.stations
     )
     epoch = replace(epoch, stations=stations)
@@ -88,12 +126,18 @@ def test_parts_of_a_cloud(scans):
 
 def test_tables_of_the_campaign(scans):
     shares = campaign_study.label_shares(scans)
-    assert shares[["epoch_1_percent", "epoch_2_percent"]].sum().tolist() == pytest.approx([100, 100])
+    assert shares[["epoch_1_percent", "epoch_2_percent"]].sum().tolist() == pytest.approx(
+        [100, 100]
+    )
     assert set(shares["label"][shares["attachment"] == "yes"]) == set(ATTACHMENTS)
     points = campaign_study.station_points(scans)
-    assert points["station"].tolist() == station_names(scans.epochs[0]) + station_names(scans.epochs[1])
+    assert points["station"].tolist() == station_names(scans.epochs[0]) + station_names(
+        scans.epochs[1]
+    )
     assert points["targets"].tolist() == 6 * [5] + 4 * [4]
-    assert points["points"].sum() == sum(len(one) for epoch in scans.epochs for one in epoch.stations)
+    assert points["points"].sum() == sum(
+        len(one) for epoch in scans.epochs for one in epoch.stations
+    )
 
 
 def test_control_net_and_observations(surveyed):
@@ -102,7 +146,10 @@ def test_control_net_and_observations(surveyed):
     station = surveyed[1].stations[2]
     found = net.set_index("target").loc[list(station.targets.names)]
     assert np.array_equal(found.to_numpy(), station.targets.control)
-    assert np.array_equal(observed.loc[observed["station"] == "1.2", ["x", "y", "z"]], surveyed[0].stations[1].targets.scanned)
+    assert np.array_equal(
+        observed.loc[observed["station"] == "1.2", ["x", "y", "z"]],
+        surveyed[0].stations[1].targets.scanned,
+    )
 
 
 # ------------------------------------------------------------------------------ registration
@@ -112,7 +159,8 @@ def test_three_solutions_are_one(surveyed):
     for epoch in surveyed:
         table = registration.solutions(register(epoch))
         assert table["printed_less_svd"].max() < 1e-12 and table["adjusted_less_svd"].max() < 1e-12
-        # The scale μ moves what is 10 m away by 10 m (μ − 1), and a little more or less by the targets' own distance.
+        # The scale μ moves what is 10 m away by 10 m (μ − 1), and a little more or less by the
+        # targets' own distance.
         assert np.all(table["scale_moves_mm"] < 0.02 * table["scale_printed_ppm"].abs() + 1e-6)
         assert table["scale_moves_mm"].max() > 0.5
 
@@ -120,7 +168,9 @@ def test_three_solutions_are_one(surveyed):
 def test_exact_targets_have_no_errors(surveyed):
     epoch = exact(surveyed[0])
     table = registration.true_errors(register(epoch), epoch, TUNNEL)
-    assert table[["position_mm", "rotation_arcsec", "wall_mm", "chi_squared"]].to_numpy().max() < 1e-6
+    assert (
+        table[["position_mm", "rotation_arcsec", "wall_mm", "chi_squared"]].to_numpy().max() < 1e-6
+    )
     assert registration.solutions(register(epoch))["scale_moves_mm"].max() < 1e-9
 
 
@@ -128,7 +178,9 @@ def test_a_moved_station_is_off_by_its_movement(surveyed):
     epoch = exact(surveyed[0])
     shift = np.array([0.003, -0.001, 0.002])
     table = registration.true_errors(register(epoch), moved(epoch, 3, shift), TUNNEL)
-    assert table["position_mm"].tolist() == pytest.approx([0, 0, 0, 1e3 * np.linalg.norm(shift), 0, 0], abs=1e-6)
+    assert table["position_mm"].tolist() == pytest.approx(
+        [0, 0, 0, 1e3 * np.linalg.norm(shift), 0, 0], abs=1e-6
+    )
     assert table["rotation_arcsec"].max() < 1e-6 and table["wall_mm"].iloc[3] > 1
 
 
@@ -164,13 +216,17 @@ def test_six_targets_of_which_one_is_wrong(surveyed):
     pose = surveyed[0].stations[2].pose
     six = net.iloc[[10, 11, 13, 14, 16, 17]]
     noise = 0.0015 * np.random.default_rng(1).standard_normal((6, 3))
-    observed = pd.DataFrame(pose.to_instrument(six[["x", "y", "z"]].to_numpy()) + noise, columns=list("xyz"))
+    observed = pd.DataFrame(
+        pose.to_instrument(six[["x", "y", "z"]].to_numpy()) + noise, columns=list("xyz")
+    )
     observed = observed.assign(station="1.3", target=six["target"].to_numpy())
     other = net["target"].iloc[12]
     for target in six["target"]:
         wrong = registration.mistaken(observed, "1.3", target, other)
         assert (wrong["target"] == other).sum() == 1
-        assert register_stations(wrong, net, scanner_sd=0.0015, control_sd=0.001)["1.3"].rejected == (other,)
+        assert register_stations(wrong, net, scanner_sd=0.0015, control_sd=0.001)[
+            "1.3"
+        ].rejected == (other,)
     with pytest.raises(ValueError, match="station 1.3 has observed, got T99"):
         registration.mistaken(observed, "1.3", "T99", other)
 
@@ -198,7 +254,9 @@ def test_f_ratio_sees_what_stickers_of_a_station_share():
     assert 0.4 < alone["f_ratio"].iloc[0] < 1.9 and shared["f_ratio"].iloc[0] > 5
     assert shared["n"].tolist() == 8 * [10]
     rows = synthetic(1.0)
-    assert shared["mean_dx_mm"].iloc[2] == pytest.approx(rows.loc[rows["station"] == "c", "dx_mm"].mean())
+    assert shared["mean_dx_mm"].iloc[2] == pytest.approx(
+        rows.loc[rows["station"] == "c", "dx_mm"].mean()
+    )
 
 
 def test_f_ratio_is_that_of_the_variance_analysis():
@@ -238,16 +296,21 @@ def test_axis_error_is_the_offset():
     assert (error["mean_u_mm"], error["mean_v_mm"]) == pytest.approx((20, -50), abs=0.01)
     assert max(error["largest_u_mm"], error["largest_v_mm"], error["largest_mrad"]) < 0.01
     turned = straight(ends[0], ends[1] + 0.13 * frame[0])
-    assert axis_study.axis_error(turned, tunnel, 10, 120)["largest_mrad"] == pytest.approx(1.0, abs=1e-3)
+    assert axis_study.axis_error(turned, tunnel, 10, 120)["largest_mrad"] == pytest.approx(
+        1.0, abs=1e-3
+    )
 
 
 def test_hazards_of_the_printed_axis():
     table = axis_study.hazards(TUNNEL, 150_000, 4).set_index("cause")
     a, b = TUNNEL.lining.semi_axes(np.linspace(*ZONE, 50), 1)
     assert table.loc["nothing"].drop("length_m").abs().max() < 2
-    assert table.loc["the track bed", "mean_v_mm"] == pytest.approx(500 * (b.mean() + TUNNEL.furniture.bed), abs=3)
+    assert table.loc["the track bed", "mean_v_mm"] == pytest.approx(
+        500 * (b.mean() + TUNNEL.furniture.bed), abs=3
+    )
     assert abs(table.loc["the track bed", "mean_u_mm"]) < 1
-    tray = 500 * a.mean() * (1 - np.cos(axis_study.TRAY[0]))  # the wall just beside the tray is now the extreme one
+    # the wall just beside the tray is now the extreme one
+    tray = 500 * a.mean() * (1 - np.cos(axis_study.TRAY[0]))
     assert table.loc["a wide cable tray", "mean_u_mm"] == pytest.approx(tray, abs=5)
     assert table.loc["ends cut askew", "largest_u_mm"] > 20
     # A quadratic departs from the arc of 130 m by up to 3.5 mm, most at its ends and in the middle.
@@ -278,9 +341,13 @@ def perfect():
 
 
 def test_effects_count_what_is_found_and_lost(perfect):
-    right = [flagged(np.where(cloud.of("cable"), INSIDE, LINING).astype(np.int8)) for cloud in perfect]
+    right = [
+        flagged(np.where(cloud.of("cable"), INSIDE, LINING).astype(np.int8)) for cloud in perfect
+    ]
     blind = [flagged(np.zeros(len(cloud), dtype=np.int8)) for cloud in perfect]
-    table = filter_deformation.effects(perfect, {"right": right, "blind": blind}, TUNNEL).set_index(["rule", "epoch"])
+    table = filter_deformation.effects(perfect, {"right": right, "blind": blind}, TUNNEL).set_index(
+        ["rule", "epoch"]
+    )
     assert table.loc[("right", 1), ["found_percent", "lost_percent"]].tolist() == [100, 0]
     assert table.loc[("blind", 2), ["found_percent", "lost_percent"]].tolist() == [0, 0]
     assert table.loc[("right", 2), "kept_of_all_percent"] == pytest.approx(90)
@@ -301,7 +368,8 @@ def test_cells_show_the_deformation_that_a_filter_takes_off(perfect):
     table = filter_deformation.cells(perfect, rules, TUNNEL)
     of = dict(iter(table.groupby("rule")))
     assert of["right"]["change_mm"].abs().max() == 0 and of["right"]["kept_percent"].min() == 100
-    # Means of two clouds differ from the mean of the difference by the lining's own steps, which points sample.
+    # Means of two clouds differ from the mean of the difference by the lining's own steps, which
+    # points sample.
     assert np.abs(of["right"]["before_mm"] - of["right"]["true_mm"]).max() < 1.5
     assert of["eaten"]["change_mm"].max() > 0.2 and of["eaten"]["kept_percent"].min() < 80
     summary = filter_deformation.summary(table).set_index("rule")
@@ -318,7 +386,9 @@ def test_ring_points_are_those_of_the_beams(distance):
     beams = np.concatenate([grid.beams(slice(k, k + 50_000)) for k in range(0, len(grid), 50_000)])
     y = 2.7 * beams[:, 1] / np.hypot(beams[:, 0], beams[:, 2])
     counted = np.count_nonzero(np.abs(np.abs(y) - distance) < 0.25) / 2
-    assert density.ring_points(distance, len(grid), thickness=0.5) == pytest.approx(counted, rel=0.03)
+    assert density.ring_points(distance, len(grid), thickness=0.5) == pytest.approx(
+        counted, rel=0.03
+    )
 
 
 def test_sections_are_counted_where_they_are(scans):
@@ -328,7 +398,9 @@ def test_sections_are_counted_where_they_are(scans):
     table = density.section_counts(clouds, setups, axis, TUNNEL, [52.0, 57.0], DENSITY)
     assert table["station_m"].tolist() == pytest.approx([2, 7, 0, 5])
     assert table["at_full_density"].tolist() == pytest.approx((1500 * table["points"]).tolist())
-    assert table[["found_percent", "interpolated_percent", "gaps_percent"]].sum(axis=1).tolist() == pytest.approx(4 * [100])
+    assert table[["found_percent", "interpolated_percent", "gaps_percent"]].sum(
+        axis=1
+    ).tolist() == pytest.approx(4 * [100])
 
 
 def test_an_empty_section_is_all_gaps():
@@ -350,16 +422,25 @@ def test_a_section_at_full_density(surveyed):
     assert np.nanmean(np.abs(errors)) < 0.002
     table = density.readings({"a": scan}, TUNNEL, (1.0, 0.3), 1)
     assert table["part"].tolist() == [1.0, 1.0, 0.3, 0.3]
-    assert table[["found_percent", "interpolated_percent", "gaps_percent"]].sum(axis=1).tolist() == pytest.approx(4 * [100])
+    assert table[["found_percent", "interpolated_percent", "gaps_percent"]].sum(
+        axis=1
+    ).tolist() == pytest.approx(4 * [100])
     assert table["gaps_percent"].iloc[2] > table["gaps_percent"].iloc[0]
 
 
 def test_radius_errors_are_those_put_in():
     points = TUNNEL.alignment.polar_points(55.0, np.array([0.0, 0.1]), 2.7)
-    axis = straight(*(TUNNEL.alignment.position(55.0) + np.array([[-1.0], [1.0]]) * TUNNEL.alignment.tangent(55.0)))
+    axis = straight(
+        *(
+            TUNNEL.alignment.position(55.0)
+            + np.array([[-1.0], [1.0]]) * TUNNEL.alignment.tangent(55.0)
+        )
+    )
     (section,) = cut(points, axis, [0.5 * axis.length])
     directions = np.array([-1.0, 0.5, 2.0])
     radius = TUNNEL.true_radius(directions, 55.0, 1) + np.array([0.001, np.nan, -0.002])
     nan = np.full(3, np.nan)
-    errors = density.radius_errors(section, Radii(directions, radius, nan, nan, nan, np.zeros(3, dtype=bool), nan), TUNNEL, 1)
+    errors = density.radius_errors(
+        section, Radii(directions, radius, nan, nan, nan, np.zeros(3, dtype=bool), nan), TUNNEL, 1
+    )
     assert errors == pytest.approx([0.001, np.nan, -0.002], abs=1e-9, nan_ok=True)

@@ -1,11 +1,21 @@
-"""The paper's ellipsoid and plane: right where it has an answer, mostly without one; the ellipse in the plane always has it."""
+"""The paper's ellipsoid and plane: right where it has an answer, mostly without one; the ellipse in
+the plane always has it.
+"""
 
 import numpy as np
 import pytest
 
 import analysis
 from analysis.surfaces.conic import direct_from_points
-from studies.li_2015.printed_ellipse import SECTION_AXES, SEEN, ellipsoid, failure_study, outline, section_points, semi_axes_in_plane
+from studies.li_2015.printed_ellipse import (
+    SECTION_AXES,
+    SEEN,
+    ellipsoid,
+    failure_study,
+    outline,
+    section_points,
+    semi_axes_in_plane,
+)
 
 PLANE = np.array([0.3, -0.2, 1.5])
 CENTER = np.array([1.0, -0.3 * 1.0 + 0.2 * 2.0 - 1.5, 2.0])  # in the plane
@@ -33,10 +43,13 @@ def test_the_system_is_solved_by_what_made_it_whatever_the_factor():
 
 
 def test_another_ellipsoid_has_the_same_section():
-    """The closure picks one: an ellipsoid moved out of the plane and blown up gives the same conic but for a factor."""
+    """The closure picks one: an ellipsoid moved out of the plane and blown up gives the same conic
+    but for a factor.
+    """
     conic = outline(CENTER, SEMI_AXES, PLANE)
     k, kk, _ = PLANE
-    t = 0.4  # conjugate to the plane: the shift along which the sections stay homothetic and concentric
+    # conjugate to the plane: the shift along which the sections stay homothetic and concentric
+    t = 0.4
     moved = CENTER + t * SEMI_AXES**2 * np.array([k, 1.0, kk])
     grown = SEMI_AXES * np.sqrt(1.0 + t**2 * np.sum((SEMI_AXES * [k, 1.0, kk]) ** 2))
     other = outline(moved, grown, PLANE)
@@ -62,7 +75,9 @@ def test_the_metric_of_the_plane_gives_the_ellipse_in_the_plane(noise):
     c, s = np.cos(0.2), np.sin(0.2)
     p, q = SECTION_AXES[0] * np.sin(angles), SECTION_AXES[1] * np.cos(angles)
     in_plane = np.stack([c * p - s * q, s * p + c * q], axis=-1) + errors
-    np.testing.assert_allclose(found, analysis.fit_ellipse(in_plane, "direct").semi_axes, rtol=1e-10)
+    np.testing.assert_allclose(
+        found, analysis.fit_ellipse(in_plane, "direct").semi_axes, rtol=1e-10
+    )
     if noise == 0.0:
         np.testing.assert_allclose(found, np.broadcast_to(SECTION_AXES, (3, 2)), rtol=1e-11)
 
@@ -73,7 +88,9 @@ def test_semi_axes_in_plane_are_nan_without_an_ellipse():
 
 
 def test_how_often_the_printed_solution_is_imaginary():
-    """A section upright in its plane: for a third of the planes within 0.02 of the Y axis. Tilted by 10°: for half, by the sign of kk′."""
+    """A section upright in its plane: for a third of the planes within 0.02 of the Y axis. Tilted
+    by 10°: for half, by the sign of kk′.
+    """
     study = failure_study([0.02], [360], [0.0, 10.0], trials=400).set_index("tilt_deg")
     assert 0.28 < study["imaginary"][0.0] < 0.42
     assert 0.40 < study["imaginary"][10.0] < 0.55

@@ -1,4 +1,6 @@
-"""The checks hold for right tables and find slips, the hypotheses can be told apart, and no printed number is without a verdict."""
+"""The checks hold for right tables and find slips, the hypotheses can be told apart, and no printed
+number is without a verdict.
+"""
 
 from dataclasses import replace
 
@@ -22,11 +24,17 @@ def papers():
 
 @pytest.fixture(scope="module")
 def frame():
-    return verdicts.verdicts(judgement.Results({"11_audit_gross_errors": hypotheses.gross_errors(hypotheses.gross_studies(100))}))
+    return verdicts.verdicts(
+        judgement.Results(
+            {"11_audit_gross_errors": hypotheses.gross_errors(hypotheses.gross_studies(100))}
+        )
+    )
 
 
 def violated(paper):
-    return {name for name, found in checks.judge(paper).items() if not all(one.holds for one in found)}
+    return {
+        name for name, found in checks.judge(paper).items() if not all(one.holds for one in found)
+    }
 
 
 def with_text(name, text):
@@ -98,7 +106,8 @@ def test_right_tables_raise_no_more_alarms_than_one_in_a_hundred(papers):
     assert list(alarms.index) == [*checks.CHECKS, "any"]
     assert (alarms["papers"] == len(papers)).all()
     assert alarms["percent"].max() <= 1  # of 60 papers: none
-    assert any(paper[PAPER + "table2/ls/sigma_0"].value > 6 for paper in papers)  # not the same paper again and again
+    # not the same paper again and again
+    assert any(paper[PAPER + "table2/ls/sigma_0"].value > 6 for paper in papers)
 
 
 def test_right_tables_are_written_as_print_is(papers):
@@ -106,11 +115,15 @@ def test_right_tables_are_written_as_print_is(papers):
         if not isinstance(number, printed.PrintedNumber) or number.text == "0":
             continue
         text = papers[0][name].text
-        assert len(text.lstrip("-").partition("e")[0]) == len(number.text.lstrip("-").partition("e")[0]), name
+        assert len(text.lstrip("-").partition("e")[0]) == len(
+            number.text.lstrip("-").partition("e")[0]
+        ), name
         assert ("e" in text) == ("e" in number.text)
 
 
-@pytest.mark.parametrize("slip", [slip for slip in trials.SLIPS if slip.check], ids=lambda slip: slip.name)
+@pytest.mark.parametrize(
+    "slip", [slip for slip in trials.SLIPS if slip.check], ids=lambda slip: slip.name
+)
 def test_a_check_finds_what_it_claims_to_find(papers, slip):
     generator = np.random.default_rng(1)
     found = [slip.check in violated(slip.plant(paper, generator)) for paper in papers[:24]]
@@ -123,7 +136,11 @@ def test_a_slip_changes_what_it_says_and_nothing_else(papers):
     wrong = trials.with_digit(papers[0], name, 1, generator)
     changed = [key for key in wrong if wrong[key] != papers[0][key]]
     assert changed == [name]
-    differing = [i for i, (a, b) in enumerate(zip(wrong[name].text, papers[0][name].text, strict=True)) if a != b]
+    differing = [
+        i
+        for i, (a, b) in enumerate(zip(wrong[name].text, papers[0][name].text, strict=True))
+        if a != b
+    ]
     assert differing == [2]  # 3.7 691: the second digit
     swapped = trials.with_rows_exchanged(papers[0], PAPER + "table2/ls/", PAPER + "table2/tls/")
     assert swapped[PAPER + "table2/ls/sigma_0"].text == papers[0][PAPER + "table2/tls/sigma_0"].text
@@ -169,11 +186,21 @@ def test_the_likelihood_is_that_of_a_normal_law():
     """On normal trials the kernel gives the probability of the printed row to a factor of two."""
     generator = np.random.default_rng(0)
     names = [f"delta_{name}_m" for name in "abcr"]
-    study = sphere_study(simulate.sphere_redraws(3), hypotheses.TRUTH, {"ls": {"method": "ls"}})["ls"]
+    study = sphere_study(simulate.sphere_redraws(3), hypotheses.TRUTH, {"ls": {"method": "ls"}})[
+        "ls"
+    ]
     trials_frame = study.loc[[0] * 4000].reset_index(drop=True)
     trials_frame[names] = 0.001 * generator.standard_normal((4000, 4))
     found = hypotheses.log_likelihood(trials_frame, 1, "ls", ("a", "r"))
-    density = 2 * np.exp(-0.5 * (0.2**2)) / np.sqrt(2 * np.pi) * 2 * np.exp(-0.5 * (1.4**2)) / np.sqrt(2 * np.pi) / 0.001**2
+    density = (
+        2
+        * np.exp(-0.5 * (0.2**2))
+        / np.sqrt(2 * np.pi)
+        * 2
+        * np.exp(-0.5 * (1.4**2))
+        / np.sqrt(2 * np.pi)
+        / 0.001**2
+    )
     assert found == pytest.approx(np.log10(density * 1e-4**2), abs=0.3)
     shifted = trials_frame.assign(delta_a_m=trials_frame["delta_a_m"] + 0.01)
     assert hypotheses.log_likelihood(shifted, 1, "ls", ("a", "r")) < found - 3
@@ -190,7 +217,10 @@ def test_a_gross_error_unseen_explains_the_row_of_igg3():
     found = hypotheses.gross_errors(studies).set_index("gross errors")
     assert found.loc[gross_errors.COMMITTED, "unseen"] == 0
     assert found.loc[gross_errors.ANY_SIZE, "unseen"] > 30
-    assert found.loc[gross_errors.ANY_SIZE, "IGG III-WTLS"] > found.loc[gross_errors.COMMITTED, "IGG III-WTLS"] + 10
+    assert (
+        found.loc[gross_errors.ANY_SIZE, "IGG III-WTLS"]
+        > found.loc[gross_errors.COMMITTED, "IGG III-WTLS"] + 10
+    )
     slips = hypotheses.radius_slips(studies).set_index(["gross errors", "method"])
     igg = slips.loc[(gross_errors.COMMITTED, "IGG III-WTLS")]
     assert igg["as printed"] == hypotheses.LOWEST
@@ -202,14 +232,21 @@ def test_readings_are_ordered_and_those_that_collapse_have_no_numbers():
     found = hypotheses.igg3_readings(24, ["rms", "rms_w"], [gross_errors.ANY_SIZE])
     assert len(found) == 8
     collapsed = found["both"].isna()
-    assert set(map(tuple, found.loc[collapsed, ["scale", "cumulative"]].to_numpy())) == {("rms_w", True)}
-    assert found["both"][~collapsed].is_monotonic_decreasing and not collapsed.iloc[: (~collapsed).sum()].any()
+    assert set(map(tuple, found.loc[collapsed, ["scale", "cumulative"]].to_numpy())) == {
+        ("rms_w", True)
+    }
+    assert (
+        found["both"][~collapsed].is_monotonic_decreasing
+        and not collapsed.iloc[: (~collapsed).sum()].any()
+    )
 
 
 def test_sigma_0_of_the_scans_asks_for_its_unit_weight():
     found = hypotheses.unit_weights_of_scans(hypotheses.scans())
     assert found["sphere"].tolist() == ["I", "II"]
-    assert (found["P_X, least"] > hypotheses.QUARTER).all() and (found["P_X, most"] > found["P_X, least"]).all()
+    assert (found["P_X, least"] > hypotheses.QUARTER).all() and (
+        found["P_X, most"] > found["P_X, least"]
+    ).all()
 
 
 def test_numbers_one_digit_away():
@@ -230,12 +267,16 @@ def test_the_exponent_of_sphere_one_is_put_right():
 def test_rows_of_the_search_are_those_of_the_methods():
     points = simulate.sphere_redraws(1, gross=True)
     truth = [*simulate.SPHERE_CENTER, simulate.SPHERE_RADIUS]
-    study = sphere_study(points, truth, {name: {"method": name} for name in ("ls", "tls")}, workers=1)
+    study = sphere_study(
+        points, truth, {name: {"method": name} for name in ("ls", "tls")}, workers=1
+    )
     found = search.rows_of(points[0])
     for method in ("ls", "tls"):
         line = study[method].iloc[0]
         for name in "abcr":
-            assert found[method, f"abs_delta_{name}_m"] == pytest.approx(abs(line[f"delta_{name}_m"]), rel=1e-5, abs=1e-8)
+            assert found[method, f"abs_delta_{name}_m"] == pytest.approx(
+                abs(line[f"delta_{name}_m"]), rel=1e-5, abs=1e-8
+            )
         assert found[method, "sigma_0"] == pytest.approx(line["sigma_0"], rel=1e-6)
         assert found[method, "sigma_s_m"] == pytest.approx(line["sigma_s_m"], rel=1e-6)
 
@@ -243,8 +284,13 @@ def test_rows_of_the_search_are_those_of_the_methods():
 def test_no_error_alone_mends_the_tls_row():
     found = search.repairs()
     assert set(found["mends"]) == {"no"} and (found["least σ0"] > 34.4).all()
-    centre = rows.least_sigma_0(simulate.sphere_redraws(checks.DRAWS), 2).set_index("method")["of_centre"]
-    assert found.set_index("free")["least σ0"]["abs_delta_r_m"] == pytest.approx(centre["tls"], rel=1e-3)  # solved for there, tried here
+    centre = rows.least_sigma_0(simulate.sphere_redraws(checks.DRAWS), 2).set_index("method")[
+        "of_centre"
+    ]
+    # solved for there, tried here
+    assert found.set_index("free")["least σ0"]["abs_delta_r_m"] == pytest.approx(
+        centre["tls"], rel=1e-3
+    )
 
 
 def test_the_ls_row_is_in_reach_without_its_radius_error_and_out_of_it_with():
@@ -265,13 +311,19 @@ def test_every_printed_number_has_a_verdict_with_a_reason(frame):
     assert frame["notebook"].str.match(r"\d\d_").all()
     assert frame["verdict"].isin(judgement.VERDICTS).all()
     assert not frame["why"].str.contains("unexplained").any()
-    assert all((NOTEBOOKS / f"{name}.ipynb").is_file() for name in set(frame["notebook"]) - {"11_audit"})  # it is this one that writes them
+    # it is this one that writes them
+    assert all(
+        (NOTEBOOKS / f"{name}.ipynb").is_file() for name in set(frame["notebook"]) - {"11_audit"}
+    )
 
 
 def test_a_setting_is_not_checkable_and_no_claim_is_a_setting(frame):
     settings = frame[frame["setting"]]
     assert set(settings["verdict"]) == {judgement.NOT_CHECKABLE}
-    assert not settings["id"].str.contains("claim").any() and not settings["place"].str.startswith("table").any()
+    assert (
+        not settings["id"].str.contains("claim").any()
+        and not settings["place"].str.startswith("table").any()
+    )
 
 
 def test_a_new_printed_number_without_evaluator_is_noticed(monkeypatch):
@@ -316,7 +368,10 @@ def test_an_interval_gives_its_verdict():
         (85.0, 83.4, 86.0, judgement.CONSISTENT),
         (86.0, 84.0, 88.0, judgement.CAUSE),
     ):
-        assert judgement.from_interval(number, median, lower, upper, "why", "06_plane").verdict == expected
+        assert (
+            judgement.from_interval(number, median, lower, upper, "why", "06_plane").verdict
+            == expected
+        )
 
 
 def test_claims_follow_the_results():
@@ -326,7 +381,10 @@ def test_claims_follow_the_results():
     number = relation.printed()[PAPER + "claim_both_errors"]
     assert evaluate(number, judgement.Results()).verdict == judgement.CAUSE
     better = spread.assign(sd_c_mm=spread["sd_c_mm"].where(spread["variant"] != "WTLS", 1.0))
-    assert evaluate(number, judgement.Results({"03_sphere_tables_spread_table2": better})).verdict == judgement.REPRODUCED
+    assert (
+        evaluate(number, judgement.Results({"03_sphere_tables_spread_table2": better})).verdict
+        == judgement.REPRODUCED
+    )
 
 
 def test_the_tunnel_is_judged_by_its_notebooks(frame):
@@ -334,11 +392,24 @@ def test_the_tunnel_is_judged_by_its_notebooks(frame):
     results, known, numbers = judgement.Results(), verdicts.evaluators(), relation.printed()
     joints, hidden = results["09_tunnel_campaign_joints"], results["10_tunnel_deformation_hidden"]
     cases = (
-        ("li_2015/registration", "09_tunnel_campaign_joints", joints.assign(within_percent=99.0), judgement.CAUSE),
-        ("li_2015/claim_every_direction", "10_tunnel_deformation_hidden", hidden.assign(ellipse_mm=hidden["true_mm"]), judgement.CAUSE),
+        (
+            "li_2015/registration",
+            "09_tunnel_campaign_joints",
+            joints.assign(within_percent=99.0),
+            judgement.CAUSE,
+        ),
+        (
+            "li_2015/claim_every_direction",
+            "10_tunnel_deformation_hidden",
+            hidden.assign(ellipse_mm=hidden["true_mm"]),
+            judgement.CAUSE,
+        ),
     )
     for name, stem, better, verdict in cases:
         assert known[name](numbers[name], results).verdict == verdict
-        assert known[name](numbers[name], judgement.Results({stem: better})).verdict == judgement.REPRODUCED
+        assert (
+            known[name](numbers[name], judgement.Results({stem: better})).verdict
+            == judgement.REPRODUCED
+        )
     maxima = frame.set_index("id").loc["li_2015/max_deformation"]
     assert maxima["verdict"] == judgement.NOT_CHECKABLE and not maxima["setting"]

@@ -1,4 +1,6 @@
-"""The clouds are those of the papers: the sphere, the range, the rounding, the gross errors; the plane, the noise, the runs."""
+"""The clouds are those of the papers: the sphere, the range, the rounding, the gross errors; the
+plane, the noise, the runs.
+"""
 
 import numpy as np
 import pytest
@@ -123,7 +125,8 @@ def test_the_committed_files_number_the_points_and_mark_the_gross_errors(gross, 
     assert (np.flatnonzero(inside) + 1).tolist() == marked
 
 
-# --------------------------------------------------------------------------------------------- the plane
+# --------------------------------------------------------------------------------------------- the
+# plane
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +145,12 @@ def test_without_noise_the_points_are_on_the_plane_and_the_patch():
     points, _ = clouds_module.plane_clouds(clouds_module.plane_draws(50), sigma=1e-12)
     x, y, z = np.moveaxis(points, -1, 0)
     np.testing.assert_allclose(z, x + 3 * y + 1, atol=3e-6)
-    assert x.min() >= 0 and x.max() <= clouds_module.PLANE_SIDE and y.min() >= 0 and y.max() <= clouds_module.PLANE_SIDE
+    assert (
+        x.min() >= 0
+        and x.max() <= clouds_module.PLANE_SIDE
+        and y.min() >= 0
+        and y.max() <= clouds_module.PLANE_SIDE
+    )
     np.testing.assert_allclose([x.mean(), y.mean()], 0.1, atol=0.003)
 
 
@@ -168,7 +176,9 @@ def test_layouts_have_the_same_spread_about_their_centres():
 def test_plane_trials_stay_when_their_number_grows(plane_trials):
     few, _ = clouds_module.plane_clouds(clouds_module.plane_draws(3))
     np.testing.assert_array_equal(few, plane_trials[0][:3])
-    other, _ = clouds_module.plane_clouds(clouds_module.plane_draws(3, seed=clouds_module.PLANE_SEED + 1))
+    other, _ = clouds_module.plane_clouds(
+        clouds_module.plane_draws(3, seed=clouds_module.PLANE_SEED + 1)
+    )
     assert not np.any(other == few)
 
 

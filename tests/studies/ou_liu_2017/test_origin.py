@@ -15,7 +15,9 @@ CLEAN = clouds.read_sphere_cloud(gross=False)
 
 @pytest.fixture(scope="module")
 def answers():
-    return origin.study({"clean": CLEAN, "gross": GROSS}, shifts=(0, 100, 10_000, 4_000_000), orders=5)
+    return origin.study(
+        {"clean": CLEAN, "gross": GROSS}, shifts=(0, 100, 10_000, 4_000_000), orders=5
+    )
 
 
 def length(answers, cloud, method, name="center_error_m"):
@@ -38,8 +40,12 @@ def test_what_ignores_the_origin_does_not_move(answers, cloud, method):
 def test_the_table_holds_the_fits(answers):
     fit = analysis.fit_sphere(GROSS + [100.0, 0.0, 0.0], "wtls")
     error = fit.parameters - origin.TRUTH - [100.0, 0.0, 0.0, 0.0]
-    assert length(answers, "gross", "wtls")[100] == pytest.approx(np.linalg.norm(error[:3]), abs=0.6e-5)
-    assert length(answers, "gross", "wtls", "radius_error_m")[100] == pytest.approx(error[3], abs=0.6e-5)
+    assert length(answers, "gross", "wtls")[100] == pytest.approx(
+        np.linalg.norm(error[:3]), abs=0.6e-5
+    )
+    assert length(answers, "gross", "wtls", "radius_error_m")[100] == pytest.approx(
+        error[3], abs=0.6e-5
+    )
 
 
 def test_pure_tls_collapses_at_the_origin_alone_and_is_lost_in_a_national_grid(answers):
@@ -71,12 +77,18 @@ def test_raw_normal_equations_break_in_a_national_grid(answers):
 
 
 def test_raw_normal_equations_are_least_squares_near_the_origin():
-    np.testing.assert_allclose(origin.ls_by_raw_normal_equations(GROSS), analysis.fit_sphere(GROSS, "ls").parameters, atol=1e-9)
+    np.testing.assert_allclose(
+        origin.ls_by_raw_normal_equations(GROSS),
+        analysis.fit_sphere(GROSS, "ls").parameters,
+        atol=1e-9,
+    )
 
 
 def test_raw_normal_equations_do_not_depend_on_the_order_of_the_points():
     moved = GROSS + [4e6, 0.0, 0.0]
-    np.testing.assert_array_equal(origin.ls_by_raw_normal_equations(moved), origin.ls_by_raw_normal_equations(moved[::-1]))
+    np.testing.assert_array_equal(
+        origin.ls_by_raw_normal_equations(moved), origin.ls_by_raw_normal_equations(moved[::-1])
+    )
 
 
 def test_raw_normal_equations_of_points_in_a_plane_have_no_solution():
@@ -86,7 +98,8 @@ def test_raw_normal_equations_of_points_in_a_plane_have_no_solution():
 
 
 def test_fits_without_a_sphere_are_counted_and_not_warned_of():
-    scattered = np.random.default_rng(0).uniform(-0.1, 0.1, (200, 12, 3))[3]  # no sphere fits these, and WTLS wanders off
+    # no sphere fits these, and WTLS wanders off
+    scattered = np.random.default_rng(0).uniform(-0.1, 0.1, (200, 12, 3))[3]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         frame = origin.study({"scattered": scattered}, shifts=(0,), orders=3).set_index("method")
@@ -103,7 +116,9 @@ def test_by_shift_is_the_same_numbers_in_millimetres(answers):
 
 
 def test_becomes_ls_needs_all_farther_shifts_to_be_near():
-    frame = pd.DataFrame({"cloud": "c", "method": "m", "shift_m": [0, 1, 10, 100], "from_ls_m": [0.0, 1.0, 0.0, 0.0]})
+    frame = pd.DataFrame(
+        {"cloud": "c", "method": "m", "shift_m": [0, 1, 10, 100], "from_ls_m": [0.0, 1.0, 0.0, 0.0]}
+    )
     assert origin.becomes_ls(frame, "c", "m", within=0.1) == 10
     with pytest.raises(ValueError, match="within 0.1 m"):
         origin.becomes_ls(frame.assign(from_ls_m=1.0), "c", "m", within=0.1)

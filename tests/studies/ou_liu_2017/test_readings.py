@@ -24,17 +24,27 @@ def row(changes, reading, cloud):
 def test_one_row_a_reading_and_cloud(changes):
     assert len(changes) == 2 * len(readings.READINGS)
     assert not changes.duplicated(["reading", "cloud"]).any()
-    assert set(changes["matters"]) == {readings.SPHERE, readings.SIGMA_0, readings.NOTHING, readings.BREAKDOWN}
+    assert set(changes["matters"]) == {
+        readings.SPHERE,
+        readings.SIGMA_0,
+        readings.NOTHING,
+        readings.BREAKDOWN,
+    }
 
 
 def test_the_literal_readings_are_the_methods_as_they_are(changes):
-    # A reading changes one keyword of igg3_wtls: the default of every other must be the literal one.
+    # A reading changes one keyword of igg3_wtls: the default of every other must be the literal
+    # one.
     for cloud, points in CLOUDS.items():
         printed = analysis.fit_sphere(points, "igg3_wtls")
         squared = analysis.fit_sphere(points, "igg3_wtls", power=2)
         found = row(changes, "exponent", cloud)
-        assert found["center_mm"] == pytest.approx(1e3 * np.linalg.norm(squared.center - printed.center), abs=1e-6)
-        assert found["radius_mm"] == pytest.approx(1e3 * (squared.radius - printed.radius), abs=1e-6)
+        assert found["center_mm"] == pytest.approx(
+            1e3 * np.linalg.norm(squared.center - printed.center), abs=1e-6
+        )
+        assert found["radius_mm"] == pytest.approx(
+            1e3 * (squared.radius - printed.radius), abs=1e-6
+        )
         assert found["rejected_literal"] == np.count_nonzero(printed.weights == 0)
 
 
@@ -66,7 +76,9 @@ def test_weighted_scales_collapse_with_cumulative_weights(changes):
     assert row(changes, "σ: weighted rms", "clean")["rejected_other"] > 450
     failed = row(changes, "σ: unit-weight σ0", "clean")
     assert failed["matters"] == readings.BREAKDOWN
-    assert pd.isna(failed[["center_mm", "radius_mm", "sigma_0_ratio", "rejected_other", "iterations_other"]]).all()
+    assert pd.isna(
+        failed[["center_mm", "radius_mm", "sigma_0_ratio", "rejected_other", "iterations_other"]]
+    ).all()
     combined = readings.scale_and_cumulation(CLOUDS, np.array(clouds.SPHERE_CENTER))
     calm = combined[combined["weights"] == "not cumulative"]
     assert len(combined) == 12
@@ -75,7 +87,10 @@ def test_weighted_scales_collapse_with_cumulative_weights(changes):
 
 
 def test_the_centroid_reading_does_not_depend_on_the_frame():
-    here, there = readings._igg3_from_centroid(CLOUDS["gross"]), readings._igg3_from_centroid(CLOUDS["gross"] + [300.0, -40.0, 7.0])
+    here, there = (
+        readings._igg3_from_centroid(CLOUDS["gross"]),
+        readings._igg3_from_centroid(CLOUDS["gross"] + [300.0, -40.0, 7.0]),
+    )
     np.testing.assert_allclose(there.center - here.center, [300.0, -40.0, 7.0], atol=1e-9)
 
 
@@ -99,11 +114,15 @@ def test_the_rule(change, verdict):
 
 def test_the_reference_is_least_squares_without_gross_errors():
     sd = analysis.fit_sphere(CLOUDS["clean"], "ls").standard_deviations
-    assert readings.reference(CLOUDS["clean"]) == pytest.approx((np.sqrt(np.sum(sd[:3] ** 2)), sd[3]))
+    assert readings.reference(CLOUDS["clean"]) == pytest.approx(
+        (np.sqrt(np.sum(sd[:3] ** 2)), sd[3])
+    )
 
 
 def test_redraws_are_counted():
-    chosen = tuple(reading for reading in readings.READINGS if reading.name in ("column of ones", "P_X"))
+    chosen = tuple(
+        reading for reading in readings.READINGS if reading.name in ("column of ones", "P_X")
+    )
     counts = readings.how_often(2, chosen)
     assert counts.columns.tolist() == ["equation", "reading", "clean", "gross"]
     assert counts[["clean", "gross"]].to_numpy().tolist() == [[0, 2], [0, 0]]
@@ -127,7 +146,11 @@ def test_the_zero_weight_form_equals_the_deleted_point():
 
 
 def test_only_the_form_with_a_transpose_is_defined():
-    assert [text[:3] for text in readings.start_as_printed(CLOUDS["clean"])["defined"]] == ["no:", "no:", "yes"]
+    assert [text[:3] for text in readings.start_as_printed(CLOUDS["clean"])["defined"]] == [
+        "no:",
+        "no:",
+        "yes",
+    ]
 
 
 def test_readings_are_frozen():

@@ -1,4 +1,6 @@
-"""The study of the real scans, on made-up scans: half a sphere about a reference centre, and a surface beside it."""
+"""The study of the real scans, on made-up scans: half a sphere about a reference centre, and a
+surface beside it.
+"""
 
 import numpy as np
 import pandas as pd
@@ -28,11 +30,17 @@ def store(folder, points):
 
 @pytest.fixture
 def scans(tmp_path, monkeypatch):
-    """Folder with a scan of 600 points on the sphere and 400 on a surface 10 to 40 mm outside of it."""
+    """Folder with a scan of 600 points on the sphere and 400 on a surface 10 to 40 mm outside of
+    it.
+    """
     rng = np.random.default_rng(4)
     away = CENTER / np.linalg.norm(CENTER)
     beside = np.cross(away, [0, 0, 1.0])
-    across, up, back = rng.uniform(0.07, 0.085, 400), rng.uniform(-0.03, 0.03, 400), rng.uniform(0.0, 0.01, 400)
+    across, up, back = (
+        rng.uniform(0.07, 0.085, 400),
+        rng.uniform(-0.03, 0.03, 400),
+        rng.uniform(0.0, 0.01, 400),
+    )
     surface = CENTER + across[:, None] * beside + up[:, None] * [0, 0, 1.0] + back[:, None] * away
     store(tmp_path, np.concatenate([half_sphere(600, 1e-4, rng), surface]))
     monkeypatch.setattr(real_spheres, "SCANS", tmp_path)
@@ -41,7 +49,10 @@ def scans(tmp_path, monkeypatch):
 
 def test_a_missing_scan_names_the_command_that_fetches_it(tmp_path, monkeypatch):
     monkeypatch.setattr(real_spheres, "SCANS", tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"SPH103.xyz is not in data/scans: `make scans` fetches the real scans\."):
+    with pytest.raises(
+        FileNotFoundError,
+        match=r"SPH103.xyz is not in data/scans: `make scans` fetches the real scans\.",
+    ):
         real_spheres.methods([SCAN])
 
 
@@ -103,7 +114,9 @@ def test_ranges(scans):
 def test_robust_finds_the_sphere_whole_wherever_it_stands(scans):
     table = real_spheres.robust_fits([SCAN], (5e5, 4e6, 100.0)).set_index(["radius", "offset"])
     assert (table["center_error_mm"] < 0.05).all()
-    assert table.loc[("free", "yes"), "center_error_mm"] == pytest.approx(table.loc[("free", "no"), "center_error_mm"], abs=1e-5)
+    assert table.loc[("free", "yes"), "center_error_mm"] == pytest.approx(
+        table.loc[("free", "no"), "center_error_mm"], abs=1e-5
+    )
     assert table.loc[("held", "no"), "radius_error_mm"] == pytest.approx(0, abs=1e-9)
     limits = real_spheres.limits(table.reset_index())
     assert len(limits) == 6 and (limits["holds"] == "yes").all()
@@ -119,7 +132,9 @@ def test_a_limit_that_does_not_hold_is_told(scans):
 def test_peers_see_the_same_points(scans):
     table = real_spheres.peer_fits([SCAN], 0.0003).set_index("method")
     ls = real_spheres.methods([SCAN]).set_index("method").loc["ls"]
-    assert table.loc["scikit-spatial", "center_error_mm"] == pytest.approx(ls["center_error_mm"], rel=1e-6)
+    assert table.loc["scikit-spatial", "center_error_mm"] == pytest.approx(
+        ls["center_error_mm"], rel=1e-6
+    )
     assert len(table) == 5
     assert table.loc["scipy soft_l1", "center_error_mm"] > 1
 
@@ -145,15 +160,30 @@ def test_a_circle_is_the_fitted_sphere_in_the_plane_of_the_section(scans):
     fit = fit_sphere(real_spheres.read(SCAN), "ls")
     angle = 1.0
     along, across = (circle[f"{axis}_mm"] / 1e3 for axis in ("along", "across"))
-    along, across = along + circle["radius_mm"] / 1e3 * np.cos(angle), across + circle["radius_mm"] / 1e3 * np.sin(angle)
+    along, across = (
+        along + circle["radius_mm"] / 1e3 * np.cos(angle),
+        across + circle["radius_mm"] / 1e3 * np.sin(angle),
+    )
     sight = np.array([CENTER[0], CENTER[1], 0]) / np.hypot(*CENTER[:2])
     point = CENTER + along * sight + across * np.array([-sight[1], sight[0], 0])
     assert np.linalg.norm(point - fit.center) == pytest.approx(fit.radius, abs=1e-12)
 
 
 def test_summary_takes_median_and_largest_without_sign():
-    fits = pd.DataFrame({"method": ["ls"] * 3, "center_error_mm": [1.0, 2.0, 9.0], "radius_error_mm": [-5.0, 1.0, 2.0]})
-    held = pd.DataFrame({"radius": ["held", "held", "free"], "offset": ["no", "yes", "no"], "center_error_mm": [0.1, 7.0, 8.0]})
+    fits = pd.DataFrame(
+        {
+            "method": ["ls"] * 3,
+            "center_error_mm": [1.0, 2.0, 9.0],
+            "radius_error_mm": [-5.0, 1.0, 2.0],
+        }
+    )
+    held = pd.DataFrame(
+        {
+            "radius": ["held", "held", "free"],
+            "offset": ["no", "yes", "no"],
+            "center_error_mm": [0.1, 7.0, 8.0],
+        }
+    )
     held["radius_error_mm"] = 0.0
     found = real_spheres.summary(fits, held, fits.assign(method="other")).set_index("method")
     assert found.loc["LS"].tolist() == found.loc["other"].tolist() == [2.0, 9.0, 2.0, 5.0]

@@ -23,7 +23,8 @@ def study(targets):
     return table3.study(targets, TRIALS, SEED)
 
 
-# ----------------------------------------------------------------- relations: each bound tried on points, not on print
+# ----------------------------------------------------------------- relations: each bound tried on
+# points, not on print
 
 
 def cloud(generator, n=40, noise=0.01):
@@ -31,7 +32,9 @@ def cloud(generator, n=40, noise=0.01):
     directions = generator.standard_normal((n, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     directions[:, 1] = -np.abs(directions[:, 1])
-    points = [0.0, 6.0, -1.6] + (RADIUS + noise * generator.standard_normal(n))[:, None] * directions
+    points = [0.0, 6.0, -1.6] + (RADIUS + noise * generator.standard_normal(n))[
+        :, None
+    ] * directions
     points[: n // 5, 1] += generator.uniform(0.0, 0.3, n // 5)
     return points
 
@@ -49,7 +52,11 @@ def test_the_bounds_hold_for_any_points(seed):
 
 
 def test_which_relations_hold():
-    failed = [(r.relation.split(":")[0], r.sphere, r.methods) for r in table3_relations.every_relation() if not r.holds]
+    failed = [
+        (r.relation.split(":")[0], r.sphere, r.methods)
+        for r in table3_relations.every_relation()
+        if not r.holds
+    ]
     assert failed == [
         ("centres of LS and TLS", "I", "LS, TLS"),
         ("σ0 of the algebraic residual above rσs", "I", "LS"),
@@ -61,7 +68,9 @@ def test_which_relations_hold():
 
 def test_the_exponents_of_sphere_I_are_off_by_one():
     for method in LABELS:
-        first, second = (table3_relations.sigma_0_over_expected(sample, method) for sample in SAMPLES)
+        first, second = (
+            table3_relations.sigma_0_over_expected(sample, method) for sample in SAMPLES
+        )
         assert 10 * first == pytest.approx(second, rel=0.1)
 
 
@@ -83,7 +92,9 @@ def test_the_table_names_every_relation():
 def test_the_scans_are_the_printed_spheres(targets):
     for sample, target in targets.items():
         on = target.on("sphere")
-        distances = np.linalg.norm(target.true_points[on] - table3.truths()[sample][:3], axis=1) - RADIUS
+        distances = (
+            np.linalg.norm(target.true_points[on] - table3.truths()[sample][:3], axis=1) - RADIUS
+        )
         assert np.abs(distances).max() < 1e-9
     contents = table3.contents(targets)
     assert (contents[["sphere", "mount", "wall", "mixed"]].sum(axis=1) == contents["points"]).all()
@@ -106,7 +117,9 @@ def test_a_study_fits_the_redraws(targets, study):
 
 def test_what_did_not_converge_has_no_values(study):
     frames = {key: dict(variants) for key, variants in study.items()}
-    frames["I", CLEANED]["igg3_wtls"] = frames["I", CLEANED]["igg3_wtls"].assign(converged=[False] + [True] * (TRIALS - 1))
+    frames["I", CLEANED]["igg3_wtls"] = frames["I", CLEANED]["igg3_wtls"].assign(
+        converged=[False] + [True] * (TRIALS - 1)
+    )
     values = table3.values(frames, "I", CLEANED, "igg3_wtls")
     assert all(np.isnan(column[0]) and not np.isnan(column[1:]).any() for column in values.values())
     comparison = table3.comparison(frames, CLEANED).set_index(["sample", "method", "quantity"])
@@ -138,15 +151,22 @@ def test_measured_relations(study):
         every = table.loc[("σs of LS over σs of IGG III-WTLS, all points", sample, CLEANED)]
         assert every["upper"] < 1.05 < every["printed"]
         assert table.loc[("LS and TLS, largest difference (mm)", sample, CLEANED), "upper"] < 0.1
-    assert table.loc[("LS and TLS, largest difference (mm)", "II", RAW), "printed"] == pytest.approx(0.1)
+    assert table.loc[
+        ("LS and TLS, largest difference (mm)", "II", RAW), "printed"
+    ] == pytest.approx(0.1)
 
 
 def test_displacements_keep_their_length(study):
     table = table3.displacements(study)
     for sample in SAMPLES:
         line = table[(table["sphere"] == sample) & (table["source"] == "printed")].iloc[0]
-        printed = [row(sample, "tls")[f"{name}_m"] - row(sample, "igg3_wtls")[f"{name}_m"] for name in "abc"]
-        assert np.linalg.norm(line[["along", "aside", "up"]].to_numpy(float)) == pytest.approx(1e3 * np.linalg.norm(printed))
+        printed = [
+            row(sample, "tls")[f"{name}_m"] - row(sample, "igg3_wtls")[f"{name}_m"]
+            for name in "abc"
+        ]
+        assert np.linalg.norm(line[["along", "aside", "up"]].to_numpy(float)) == pytest.approx(
+            1e3 * np.linalg.norm(printed)
+        )
         assert line["up"] < 0 and line["aside"] < 0
 
 
@@ -159,8 +179,13 @@ def test_printed_errors_leave_out_the_centre_that_is_the_truth():
 def test_cleaning_leaves_fewer_points_and_other_readings_reject_more(targets):
     table = table3.cleanings([0.002], [0, 0.01, 0.04], 10, SEED, **ASSUMED)
     for _, rows in table.groupby("sphere"):
-        assert rows["points"].is_monotonic_increasing and rows["points"].iloc[0] == rows["points"].min()
+        assert (
+            rows["points"].is_monotonic_increasing
+            and rows["points"].iloc[0] == rows["points"].min()
+        )
         assert rows["ls_radius_mm"].is_monotonic_increasing
-    readings = table3.readings(targets, [0], ["rms", "rms_w"], 10, SEED).set_index(["sphere", "scale", "cumulative"])
+    readings = table3.readings(targets, [0], ["rms", "rms_w"], 10, SEED).set_index(
+        ["sphere", "scale", "cumulative"]
+    )
     assert readings.loc[("II", "rms_w", True), "used"] < readings.loc[("II", "rms", True), "used"]
     assert (readings["ratio"] > 0.9).all()

@@ -22,11 +22,14 @@ from studies.simulation.scenes import (
 )
 from studies.simulation.scenes.scanning import RINGS, disc_pattern
 
-CENTERS = [(0.0063, 5.8454, -1.6357), (1.3963, 3.7694, -1.6247)]  # of Ou & Liu's table 3, IGG III-WTLS, m
+# of Ou & Liu's table 3, IGG III-WTLS, m
+CENTERS = [(0.0063, 5.8454, -1.6357), (1.3963, 3.7694, -1.6247)]
 CENTER = np.array(CENTERS[0])
 RADIUS = 0.0725
 LINE = replace(LEICA_C10, beam_diameter=0.0)  # a beam without width
-POLAR = Scanner("polar", range_sd=0.003, angle_sd=2e-4, azimuth_sd=5e-4, range_rate=1e-4, incidence_exponent=0.0)
+POLAR = Scanner(
+    "polar", range_sd=0.003, angle_sd=2e-4, azimuth_sd=5e-4, range_rate=1e-4, incidence_exponent=0.0
+)
 
 
 def generator(seed=0):
@@ -53,13 +56,38 @@ def target():
 def test_cofactors_are_the_propagated_polar_ones():
     points = random_points(50)
     x, y, z = points.T
-    rho, azimuth, elevation = np.linalg.norm(points, axis=1), np.arctan2(y, x), np.arcsin(z / np.linalg.norm(points, axis=1))
-    ca, sa, ce, se, zero = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation), 0 * x
-    J = np.moveaxis(
-        np.array([[ce * ca, -rho * ce * sa, -rho * se * ca], [ce * sa, rho * ce * ca, -rho * se * sa], [se, zero, rho * ce]]), -1, 0
+    rho, azimuth, elevation = (
+        np.linalg.norm(points, axis=1),
+        np.arctan2(y, x),
+        np.arcsin(z / np.linalg.norm(points, axis=1)),
     )
-    variances = np.stack([0.003**2 + (1e-4 * rho) ** 2, 0 * rho + 5e-4**2, 0 * rho + 2e-4**2], axis=-1)
-    np.testing.assert_allclose(POLAR.cofactors(points), (J * variances[:, None, :]) @ J.swapaxes(-1, -2), rtol=1e-9, atol=1e-18)
+    ca, sa, ce, se, zero = (
+        np.cos(azimuth),
+        np.sin(azimuth),
+        np.cos(elevation),
+        np.sin(elevation),
+        0 * x,
+    )
+    J = np.moveaxis(
+        np.array(
+            [
+                [ce * ca, -rho * ce * sa, -rho * se * ca],
+                [ce * sa, rho * ce * ca, -rho * se * sa],
+                [se, zero, rho * ce],
+            ]
+        ),
+        -1,
+        0,
+    )
+    variances = np.stack(
+        [0.003**2 + (1e-4 * rho) ** 2, 0 * rho + 5e-4**2, 0 * rho + 2e-4**2], axis=-1
+    )
+    np.testing.assert_allclose(
+        POLAR.cofactors(points),
+        (J * variances[:, None, :]) @ J.swapaxes(-1, -2),
+        rtol=1e-9,
+        atol=1e-18,
+    )
 
 
 def test_isotropic_angles_give_the_form_with_the_projector_across_the_beam():
@@ -72,11 +100,21 @@ def test_isotropic_angles_give_the_form_with_the_projector_across_the_beam():
 
 def test_cofactors_are_the_covariance_of_polar_noise():
     point = np.array([[12.0, -7.0, 9.0]])
-    rho, azimuth, elevation = np.linalg.norm(point), np.arctan2(-7.0, 12.0), np.arcsin(9.0 / np.linalg.norm(point))
+    rho, azimuth, elevation = (
+        np.linalg.norm(point),
+        np.arctan2(-7.0, 12.0),
+        np.arcsin(9.0 / np.linalg.norm(point)),
+    )
     z = generator(2).standard_normal((3, 200_000))
     rho = rho + np.hypot(0.003, 1e-4 * rho) * z[0]
     azimuth, elevation = azimuth + 5e-4 * z[1], elevation + 2e-4 * z[2]
-    cloud = rho * np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    cloud = rho * np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
     Q = POLAR.cofactors(point)[0]
     scale = np.sqrt(np.outer(np.diag(Q), np.diag(Q)))
     np.testing.assert_allclose(np.cov(cloud) / scale, Q / scale, atol=5 * np.sqrt(2 / 200_000))
@@ -89,7 +127,8 @@ def test_variance_along_the_normal_follows_the_incidence_angle(degrees):
     b = unit(points)
     aside = unit(np.cross(b, (0.3, -0.2, 0.9)))
     normals = np.cos(theta) * b + np.sin(theta) * aside
-    Q = LEICA_C10.cofactors(points, normals=-7.0 * normals)  # neither length nor sense of a normal matters
+    # neither length nor sense of a normal matters
+    Q = LEICA_C10.cofactors(points, normals=-7.0 * normals)
     rho = np.linalg.norm(points, axis=1)
     sd = LEICA_C10.range_sd * np.cos(theta) ** -0.5
     expected = sd**2 * np.cos(theta) ** 2 + (rho * LEICA_C10.angle_sd) ** 2 * np.sin(theta) ** 2
@@ -98,7 +137,9 @@ def test_variance_along_the_normal_follows_the_incidence_angle(degrees):
 
 def test_range_variance_is_inverse_to_the_cosine_by_default_and_bounded_when_grazing():
     cosines = np.cos(np.deg2rad([0.0, 40.0, 70.0]))
-    np.testing.assert_allclose(RIEGL_VZ400.range_standard_deviation(10.0, cosines) ** 2, 0.003**2 / cosines)
+    np.testing.assert_allclose(
+        RIEGL_VZ400.range_standard_deviation(10.0, cosines) ** 2, 0.003**2 / cosines
+    )
     at_limit = LEICA_C10.range_standard_deviation(10.0, np.cos(LEICA_C10.max_incidence))
     assert LEICA_C10.range_standard_deviation(10.0, 0.0) == at_limit
 
@@ -110,7 +151,9 @@ def test_cofactors_of_a_stack_from_any_station_are_positive_definite():
     assert Q.shape == (2, 3, 4, 3, 3)
     assert np.all(Q == Q.swapaxes(-1, -2))
     assert np.linalg.eigvalsh(Q).min() > 0
-    np.testing.assert_array_equal(LEICA_C10.cofactors(points, station), LEICA_C10.cofactors(points - station))
+    np.testing.assert_array_equal(
+        LEICA_C10.cofactors(points, station), LEICA_C10.cofactors(points - station)
+    )
     straight_up = LEICA_C10.cofactors([[0.0, 0.0, 10.0]])[0]
     np.testing.assert_allclose(straight_up, np.diag([6e-4, 6e-4, 2e-3]) ** 2, atol=1e-20)
 
@@ -141,7 +184,9 @@ def test_grid_has_the_asked_step_and_window():
     elevation = np.arcsin(beams[:, 2]).reshape(31, 41)
     np.testing.assert_allclose(np.diff(azimuth, axis=0), 0.01, rtol=1e-9)
     np.testing.assert_allclose(np.diff(elevation, axis=1), 0.01, rtol=1e-9)
-    np.testing.assert_allclose([azimuth.min(), azimuth.max(), elevation.min(), elevation.max()], [0.2, 0.5, -0.3, 0.1])
+    np.testing.assert_allclose(
+        [azimuth.min(), azimuth.max(), elevation.min(), elevation.max()], [0.2, 0.5, -0.3, 0.1]
+    )
     np.testing.assert_array_equal(grid.beams(slice(100, 150)), beams[100:150])
 
 
@@ -156,17 +201,28 @@ def test_window_around_a_target_shows_the_whole_ball_and_touches_it():
     station = (1.0, -2.0, 0.5)
     grid = AngularGrid.around(CENTER, 0.3, 1e-3, station)
     scene = Scene([("ball", Sphere(CENTER, 0.3))])
-    hit = scene.first_hit(np.array(station), grid.beams(slice(None)))[1].reshape(len(grid.azimuths), -1) == 0
-    wide = AngularGrid(*(np.add(window, (-0.02, 0.02)) for window in (grid.azimuth, grid.elevation)), step=1e-3)
+    hit = (
+        scene.first_hit(np.array(station), grid.beams(slice(None)))[1].reshape(
+            len(grid.azimuths), -1
+        )
+        == 0
+    )
+    wide = AngularGrid(
+        *(np.add(window, (-0.02, 0.02)) for window in (grid.azimuth, grid.elevation)), step=1e-3
+    )
     all_hits = np.count_nonzero(scene.first_hit(np.array(station), wide.beams(slice(None)))[1] == 0)
-    assert abs(hit.sum() / all_hits - 1) < 0.01  # nothing outside the window but the phase of the grid
+    # nothing outside the window but the phase of the grid
+    assert abs(hit.sum() / all_hits - 1) < 0.01
     assert hit[:3].any() and hit[-3:].any() and hit[:, :3].any() and hit[:, -3:].any()
 
 
 # -------------------------------------------------------------------------- the surfaces
 
 SURFACES = {
-    "sphere": (Sphere((0.5, 6.0, -0.2), 0.7), lambda p: np.linalg.norm(p - [0.5, 6.0, -0.2], axis=1) - 0.7),
+    "sphere": (
+        Sphere((0.5, 6.0, -0.2), 0.7),
+        lambda p: np.linalg.norm(p - [0.5, 6.0, -0.2], axis=1) - 0.7,
+    ),
     "rectangle": (
         Rectangle((0.0, 6.0, 0.0), (1.0, 0.5, 0.0), (0.0, 0.0, 1.0)),
         lambda p: (p - [0.0, 6.0, 0.0]) @ unit(np.array([0.5, -1.0, 0.0])),
@@ -177,7 +233,10 @@ SURFACES = {
     ),
     "cylinder": (
         Cylinder((-1.0, 5.0, -1.0), (1.0, 7.0, 1.0), 0.3),
-        lambda p: np.linalg.norm(np.cross(p - [-1.0, 5.0, -1.0], unit(np.array([2.0, 2.0, 2.0]))), axis=1) - 0.3,
+        lambda p: (
+            np.linalg.norm(np.cross(p - [-1.0, 5.0, -1.0], unit(np.array([2.0, 2.0, 2.0]))), axis=1)
+            - 0.3
+        ),
     ),
 }
 EXTENT = {  # no point of the surface is farther from this point than that
@@ -201,7 +260,10 @@ def test_hits_lie_exactly_on_the_surface(name):
     assert np.linalg.norm(points - middle, axis=1).max() <= reach + 1e-12
     # A normal is the gradient of the distance.
     normals = surface.normals(points)
-    gradient = np.stack([(distance(points + step) - distance(points - step)) / 2e-6 for step in 1e-6 * np.eye(3)], axis=1)
+    gradient = np.stack(
+        [(distance(points + step) - distance(points - step)) / 2e-6 for step in 1e-6 * np.eye(3)],
+        axis=1,
+    )
     np.testing.assert_allclose(np.abs(np.einsum("ni,ni->n", normals, gradient)), 1.0, atol=1e-8)
 
 
@@ -213,7 +275,11 @@ def test_rays_meet_only_what_lies_before_them(name):
     hit = np.isfinite(ahead)
     assert np.all(np.isinf(surface.intersect(np.array([0.0, 20.0, 0.0]), beams)))
     # From half way the rest of the range is left, and there may be many origins.
-    np.testing.assert_allclose(surface.intersect(0.5 * ahead[hit, None] * beams[hit], beams[hit]), 0.5 * ahead[hit], rtol=1e-10)
+    np.testing.assert_allclose(
+        surface.intersect(0.5 * ahead[hit, None] * beams[hit], beams[hit]),
+        0.5 * ahead[hit],
+        rtol=1e-10,
+    )
 
 
 def test_closed_surfaces_are_seen_from_inside():
@@ -228,15 +294,22 @@ def test_closed_surfaces_are_seen_from_inside():
     assert np.isinf(tunnel.intersect(np.zeros(3), np.array([0.0, 1.0, 0.0])))  # along the axis
     # From outside, through the open end, the far wall.
     through = unit(np.array([0.0, 3.0, 1.0]))
-    np.testing.assert_allclose(tunnel.intersect(np.array([0.0, -51.0, 0.0]), through)[()], 2.75 * np.sqrt(10.0))
+    np.testing.assert_allclose(
+        tunnel.intersect(np.array([0.0, -51.0, 0.0]), through)[()], 2.75 * np.sqrt(10.0)
+    )
 
 
 # ------------------------------------------------------------------------- what is seen
 
 
 def test_labels_and_occlusion():
-    """A disc hides part of a wall: the hole in the wall is the disc's shadow, and the shadow is all that is missing."""
-    wall, disc = Rectangle((0.0, 10.0, 0.0), (3.0, 0.0, 0.0), (0.0, 0.0, 3.0)), Disc((0.0, 5.0, 0.0), (0.0, 1.0, 0.0), 0.5)
+    """A disc hides part of a wall: the hole in the wall is the disc's shadow, and the shadow is all
+    that is missing.
+    """
+    wall, disc = (
+        Rectangle((0.0, 10.0, 0.0), (3.0, 0.0, 0.0), (0.0, 0.0, 3.0)),
+        Disc((0.0, 5.0, 0.0), (0.0, 1.0, 0.0), 0.5),
+    )
     grid = AngularGrid((1.4, 1.75), (-0.2, 0.2), 0.004)
     seen = scan(Scene([("wall", wall), ("disc", disc)]), grid, LINE, generator())
     points = seen.true_points
@@ -252,33 +325,53 @@ def test_labels_and_occlusion():
 def test_nothing_is_seen_behind_another_surface(target):
     """From each point the way back to the station is free."""
     pure = target[~target.on(MIXED)]
-    ranges, _ = sphere_target_scene(CENTER, RADIUS).first_hit(target.station, unit(pure.true_points))
+    ranges, _ = sphere_target_scene(CENTER, RADIUS).first_hit(
+        target.station, unit(pure.true_points)
+    )
     np.testing.assert_allclose(ranges, np.linalg.norm(pure.true_points, axis=1), rtol=1e-12)
 
 
 def test_visible_cap_of_a_sphere_faces_the_scanner():
     to_the_edge = replace(LINE, max_incidence=np.deg2rad(89.9))
-    seen = scan(Scene([("ball", Sphere(CENTER, RADIUS))]), AngularGrid.around(CENTER, 0.08, 2e-4), to_the_edge, generator())
+    seen = scan(
+        Scene([("ball", Sphere(CENTER, RADIUS))]),
+        AngularGrid.around(CENTER, 0.08, 2e-4),
+        to_the_edge,
+        generator(),
+    )
     radial = unit(seen.true_points - CENTER)
     towards = -radial @ unit(CENTER)
-    edge = RADIUS / np.linalg.norm(CENTER)  # cosine of the half angle of the cap: the tangents from the station
+    # cosine of the half angle of the cap: the tangents from the station
+    edge = RADIUS / np.linalg.norm(CENTER)
     assert edge <= towards.min() < edge + 0.05 and towards.max() > 0.9999
     np.testing.assert_allclose(seen.normals, radial, atol=1e-11)
     np.testing.assert_allclose(seen.cosines, -np.einsum("ni,ni->n", seen.beams, radial), atol=1e-11)
 
 
 def test_number_of_points_grows_with_the_inverse_square_of_the_step():
-    coarse, fine = (np.count_nonzero(scan_sphere_target(CENTER, RADIUS, generator(), step=step).on("sphere")) for step in (8e-4, 2e-4))
+    coarse, fine = (
+        np.count_nonzero(scan_sphere_target(CENTER, RADIUS, generator(), step=step).on("sphere"))
+        for step in (8e-4, 2e-4)
+    )
     assert abs(fine / coarse / 16 - 1) < 0.05
 
 
 def test_reach_and_grazing_incidence():
     wall = Scene([("wall", Rectangle((0.0, 10.0, 0.0), (100.0, 0.0, 0.0), (0.0, 0.0, 1.0)))])
     grid = AngularGrid((0.0, np.pi), (0.0, 0.0), 0.001)
-    seen = scan(wall, grid, replace(LINE, min_range=11.0, max_range=40.0, max_incidence=np.deg2rad(70.0)), generator())
+    seen = scan(
+        wall,
+        grid,
+        replace(LINE, min_range=11.0, max_range=40.0, max_incidence=np.deg2rad(70.0)),
+        generator(),
+    )
     assert 11.0 <= seen.true_ranges.min() < 11.05
     assert np.deg2rad(69.9) < seen.incidence.max() <= np.deg2rad(70.0)
-    assert 39.5 < scan(wall, grid, replace(LINE, max_range=40.0), generator()).true_ranges.max() <= 40.0
+    assert (
+        39.5
+        < scan(wall, grid, replace(LINE, max_range=40.0), generator()).true_ranges.max()
+        <= 40.0
+    )
     empty = scan(wall, AngularGrid((-1.0, -0.5), (0.0, 0.0), 0.01), LINE, generator())
     assert len(empty) == 0 and empty.points.shape == (0, 3)
 
@@ -310,25 +403,36 @@ def step_scene(near=5.0, far=7.0):
 
 
 def test_mixed_pixels_lie_between_the_two_ranges_and_only_at_the_edge():
-    seen = scan(step_scene(), AngularGrid((np.pi / 2 - 0.01, np.pi / 2 + 0.01), (-0.01, 0.01), 1e-4), LEICA_C10, generator())
+    seen = scan(
+        step_scene(),
+        AngularGrid((np.pi / 2 - 0.01, np.pi / 2 + 0.01), (-0.01, 0.01), 1e-4),
+        LEICA_C10,
+        generator(),
+    )
     mixed = seen.on(MIXED)
     depth = seen.true_points[:, 1]
     assert np.all((depth[mixed] > 5.0) & (depth[mixed] < 7.0))
-    assert depth[mixed].min() < 5.1 and depth[mixed].max() > 6.9  # from all of one wall to all of the other
-    aside = 5.0 * np.cos(np.arctan2(seen.beams[:, 1], seen.beams[:, 0]))  # of the beam's centre from the edge, m
+    # from all of one wall to all of the other
+    assert depth[mixed].min() < 5.1 and depth[mixed].max() > 6.9
+    # of the beam's centre from the edge, m
+    aside = 5.0 * np.cos(np.arctan2(seen.beams[:, 1], seen.beams[:, 0]))
     half = 0.5 * LEICA_C10.beam_diameter
     assert np.abs(aside[mixed]).max() <= half * 1.01
     assert np.abs(aside[~mixed]).min() >= half * 0.85  # the rim is looked at in six places
-    # Where the centre lies on the edge, the mean of both ranges, weighted by the inverse of their squares.
+    # Where the centre lies on the edge, the mean of both ranges, weighted by the inverse of their
+    # squares.
     middle = mixed & (np.abs(aside) < 1e-4)
     expected = (5.0 / 25.0 + 7.0 / 49.0) / (1 / 25.0 + 1 / 49.0)
     assert abs(depth[middle].mean() - expected) < 0.15
-    np.testing.assert_allclose(np.cross(seen.true_points, seen.beams), 0.0, atol=1e-12)  # along the beam
+    # along the beam
+    np.testing.assert_allclose(np.cross(seen.true_points, seen.beams), 0.0, atol=1e-12)
 
 
 def test_without_a_step_there_is_no_mixed_pixel():
     """Two halves of one wall, and a wall met obliquely: one range, however many surfaces."""
-    halves = [("wall", Rectangle((x, 5.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0))) for x in (-2.0, 2.0)]
+    halves = [
+        ("wall", Rectangle((x, 5.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0))) for x in (-2.0, 2.0)
+    ]
     grid = AngularGrid((np.pi / 2 - 0.02, np.pi / 2 + 0.02), (-0.02, 0.02), 2e-4)
     assert not scan(Scene(halves), grid, LEICA_C10, generator()).on(MIXED).any()
     oblique = Scene([("wall", Rectangle((0.0, 5.0, 0.0), (0.3, 2.0, 0.0), (0.0, 0.0, 2.0)))])
@@ -336,10 +440,14 @@ def test_without_a_step_there_is_no_mixed_pixel():
 
 
 def test_share_of_mixed_pixels_grows_with_the_beam(target):
-    narrow = scan_sphere_target(CENTER, RADIUS, generator(), step=2e-4, scanner=replace(LEICA_C10, beam_diameter=0.0035))
+    narrow = scan_sphere_target(
+        CENTER, RADIUS, generator(), step=2e-4, scanner=replace(LEICA_C10, beam_diameter=0.0035)
+    )
     ratio = narrow.on(MIXED).sum() / target.on(MIXED).sum()
     assert 0.4 < ratio < 0.6
-    diverging = replace(LEICA_C10, beam_diameter=0.0, beam_divergence=0.007 / np.linalg.norm(CENTER))
+    diverging = replace(
+        LEICA_C10, beam_diameter=0.0, beam_divergence=0.007 / np.linalg.norm(CENTER)
+    )
     same = scan_sphere_target(CENTER, RADIUS, generator(), step=2e-4, scanner=diverging)
     assert abs(same.on(MIXED).sum() / target.on(MIXED).sum() - 1) < 0.05
 
@@ -351,7 +459,9 @@ def test_noise_has_the_statistics_of_the_model(target):
     errors = target.points - target.true_points
     of_range = np.einsum("ni,ni->n", errors, target.beams)
     along = of_range / LEICA_C10.range_standard_deviation(target.true_ranges, target.cosines)
-    across = (errors - of_range[:, None] * target.beams) / (LEICA_C10.angle_sd * target.true_ranges)[:, None]
+    across = (errors - of_range[:, None] * target.beams) / (
+        LEICA_C10.angle_sd * target.true_ranges
+    )[:, None]
     n = len(target)
     assert n > 10_000
     assert abs(np.mean(along)) < 4 / np.sqrt(n)
@@ -391,7 +501,9 @@ def test_a_part_of_a_scan_is_a_scan(target):
 
 @pytest.mark.parametrize("center", CENTERS)
 def test_target_is_like_a_real_scan_and_the_default_fit_finds_it(center):
-    """Of real scans of targets 35 to 45 % of the points are not sphere; the fit has to do with that."""
+    """Of real scans of targets 35 to 45 % of the points are not sphere; the fit has to do with
+    that.
+    """
     seen = scan_sphere_target(center, RADIUS, generator())
     assert 0.35 < np.mean(~seen.on("sphere")) < 0.45
     assert all(seen.on(name).any() for name in seen.names)
@@ -424,41 +536,104 @@ TAKEN = Scene([(MIXED, Sphere((0, 5, 0), 1.0))])
         (lambda: Scanner("x", 0.0, 1e-5), "range_sd: expected a positive"),
         (lambda: Scanner("x", 1e-3, -1e-5), "angle_sd: expected a positive"),
         (lambda: Scanner("x", 1e-3, 1e-5, azimuth_sd=0.0), "azimuth_sd: expected a positive"),
-        (lambda: Scanner("x", 1e-3, 1e-5, incidence_exponent=-0.5), "incidence_exponent: expected a number not below 0"),
+        (
+            lambda: Scanner("x", 1e-3, 1e-5, incidence_exponent=-0.5),
+            "incidence_exponent: expected a number not below 0",
+        ),
         (lambda: Scanner("x", 1e-3, 1e-5, beam_diameter=np.nan), "beam_diameter: expected finite"),
         (lambda: Scanner("x", 1e-3, 1e-5, max_incidence=2.0), "max_incidence: expected an angle"),
-        (lambda: Scanner("x", 1e-3, 1e-5, min_range=5.0, max_range=5.0), "max_range: expected more than"),
+        (
+            lambda: Scanner("x", 1e-3, 1e-5, min_range=5.0, max_range=5.0),
+            "max_range: expected more than",
+        ),
         (lambda: LEICA_C10.cofactors(np.ones((4, 2))), r"points: expected shape \(…, n, 3\)"),
-        (lambda: LEICA_C10.cofactors(np.ones((4, 3)), station=(1, 1)), r"station: expected shape \(3,\)"),
-        (lambda: LEICA_C10.cofactors(np.ones((4, 3)), station=(1, 1, 1)), "points: expected points away from the station, got 4"),
-        (lambda: LEICA_C10.cofactors(np.ones((4, 3)), normals=np.ones((5, 3))), "normals: expected shape"),
-        (lambda: LEICA_C10.cofactors(np.ones((4, 3)), normals=np.ones((2, 4, 3))), "normals: expected shape"),
-        (lambda: LEICA_C10.cofactors(np.ones((4, 3)), normals=np.zeros((4, 3))), "normals: expected vectors with a direction, got 4"),
+        (
+            lambda: LEICA_C10.cofactors(np.ones((4, 3)), station=(1, 1)),
+            r"station: expected shape \(3,\)",
+        ),
+        (
+            lambda: LEICA_C10.cofactors(np.ones((4, 3)), station=(1, 1, 1)),
+            "points: expected points away from the station, got 4",
+        ),
+        (
+            lambda: LEICA_C10.cofactors(np.ones((4, 3)), normals=np.ones((5, 3))),
+            "normals: expected shape",
+        ),
+        (
+            lambda: LEICA_C10.cofactors(np.ones((4, 3)), normals=np.ones((2, 4, 3))),
+            "normals: expected shape",
+        ),
+        (
+            lambda: LEICA_C10.cofactors(np.ones((4, 3)), normals=np.zeros((4, 3))),
+            "normals: expected vectors with a direction, got 4",
+        ),
         (lambda: LEICA_C10.cofactors(np.full((4, 3), np.inf)), "points: expected finite"),
-        (lambda: POLAR.cofactors([[0.0, 0.0, 3.0]]), "points: expected points off the vertical axis"),
+        (
+            lambda: POLAR.cofactors([[0.0, 0.0, 3.0]]),
+            "points: expected points off the vertical axis",
+        ),
         (lambda: Sphere((0, 0, 0), 0.0), "radius: expected a positive"),
         (lambda: Sphere((0, 0), 1.0), r"center: expected shape \(3,\)"),
-        (lambda: Rectangle((0, 0, 0), (1, 0, 0), (1, 1, 0)), "up: expected a half side perpendicular"),
-        (lambda: Rectangle((0, 0, 0), (0, 0, 0), (1, 1, 0)), "right: expected a vector with a direction"),
+        (
+            lambda: Rectangle((0, 0, 0), (1, 0, 0), (1, 1, 0)),
+            "up: expected a half side perpendicular",
+        ),
+        (
+            lambda: Rectangle((0, 0, 0), (0, 0, 0), (1, 1, 0)),
+            "right: expected a vector with a direction",
+        ),
         (lambda: Disc((0, 0, 0), (0, 0, 0), 1.0), "axis: expected a vector with a direction"),
         (lambda: Cylinder((1, 2, 3), (1, 2, 3), 1.0), "end: expected a point away from start"),
         (lambda: Scene([]), "surfaces: expected at least one pair"),
         (lambda: Scene([("ball", None)]), r"surfaces: expected pairs \(text, surface\)"),
         (lambda: AngularGrid((1.0, 0.0), (0.0, 1.0), 0.1), "azimuth: expected"),
-        (lambda: AngularGrid((0.0, 7.0), (0.0, 1.0), 0.1), "azimuth: expected a window of at most 2π"),
+        (
+            lambda: AngularGrid((0.0, 7.0), (0.0, 1.0), 0.1),
+            "azimuth: expected a window of at most 2π",
+        ),
         (lambda: AngularGrid((0.0, 1.0), (0.0, 2.0), 0.1), "elevation: expected angles"),
         (lambda: AngularGrid(*WINDOW, 0.0), "step: expected a positive"),
-        (lambda: AngularGrid.around((0, 1, 0), 1.0, 0.1), "radius: expected less than the distance"),
-        (lambda: AngularGrid.around((0, 0.1, 5), 0.2, 0.1), "target: expected a window without the vertical axis"),
-        (lambda: scan(step_scene(), GRID, LEICA_C10, 0), "generator: expected a numpy.random.Generator, got int"),
+        (
+            lambda: AngularGrid.around((0, 1, 0), 1.0, 0.1),
+            "radius: expected less than the distance",
+        ),
+        (
+            lambda: AngularGrid.around((0, 0.1, 5), 0.2, 0.1),
+            "target: expected a window without the vertical axis",
+        ),
+        (
+            lambda: scan(step_scene(), GRID, LEICA_C10, 0),
+            "generator: expected a numpy.random.Generator, got int",
+        ),
         (lambda: scan(TAKEN, GRID, LEICA_C10, generator()), "scene: expected labels other"),
-        (lambda: scan(step_scene(), GRID, LEICA_C10, generator(), (0, np.nan, 0)), "station: expected finite"),
-        (lambda: redraw(scan_sphere_target(CENTER, RADIUS, generator()), 0, 1), "n_trials: expected a whole number"),
-        (lambda: scan_sphere_target(CENTER, RADIUS, generator()).on("walls"), "labels: expected some of sphere, mount, wall, mixed; got"),
-        (lambda: sphere_target_scene(CENTER, RADIUS, wall_distance=0.05), "wall_distance: expected more than the radius"),
-        (lambda: sphere_target_scene((0, 0, -2), RADIUS), "center: expected a sphere beside the vertical axis"),
-        (lambda: sphere_target_scene(CENTER, RADIUS, mount_radius=0), "mount_radius: expected a positive"),
-        (lambda: scan_sphere_target(CENTER, RADIUS, generator(), cut=0.5), "cut: expected at least 1 radius"),
+        (
+            lambda: scan(step_scene(), GRID, LEICA_C10, generator(), (0, np.nan, 0)),
+            "station: expected finite",
+        ),
+        (
+            lambda: redraw(scan_sphere_target(CENTER, RADIUS, generator()), 0, 1),
+            "n_trials: expected a whole number",
+        ),
+        (
+            lambda: scan_sphere_target(CENTER, RADIUS, generator()).on("walls"),
+            "labels: expected some of sphere, mount, wall, mixed; got",
+        ),
+        (
+            lambda: sphere_target_scene(CENTER, RADIUS, wall_distance=0.05),
+            "wall_distance: expected more than the radius",
+        ),
+        (
+            lambda: sphere_target_scene((0, 0, -2), RADIUS),
+            "center: expected a sphere beside the vertical axis",
+        ),
+        (
+            lambda: sphere_target_scene(CENTER, RADIUS, mount_radius=0),
+            "mount_radius: expected a positive",
+        ),
+        (
+            lambda: scan_sphere_target(CENTER, RADIUS, generator(), cut=0.5),
+            "cut: expected at least 1 radius",
+        ),
     ],
 )
 def test_bad_input_is_refused_by_name(call, message):

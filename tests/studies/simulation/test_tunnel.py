@@ -44,9 +44,13 @@ def small():
 
 @pytest.fixture(scope="module")
 def truth():
-    """Points of one station of the second epoch without noise, in engineering coordinates: points, beams, ranges, cosines, codes."""
+    """Points of one station of the second epoch without noise, in engineering coordinates: points,
+    beams, ranges, cosines, codes.
+    """
     setup = EPOCHS[1].stations[1]
-    beams, ranges, cosines, codes = cast_beams(TUNNEL, setup, RIEGL_VZ400, station_grid(60_000).beams(slice(None)))
+    beams, ranges, cosines, codes = cast_beams(
+        TUNNEL, setup, RIEGL_VZ400, station_grid(60_000).beams(slice(None))
+    )
     return setup.pose.to_engineering(ranges[:, None] * beams), beams, ranges, cosines, codes
 
 
@@ -64,7 +68,9 @@ def test_section_coordinates_are_the_inverse_of_points(grade):
     axis = Alignment(grade=grade, middle=(500.0, -300.0, 20.0))
     generator = np.random.default_rng(0)
     s, u, v = generator.uniform(-5, 135, 500), *generator.uniform(-3, 3, (2, 500))
-    np.testing.assert_allclose(axis.section_coordinates(axis.points(s, u, v)), [s, u, v], atol=1e-11)
+    np.testing.assert_allclose(
+        axis.section_coordinates(axis.points(s, u, v)), [s, u, v], atol=1e-11
+    )
     foot = axis.points(s, u, v) - axis.position(s)
     assert np.abs(np.einsum("ni,ni->n", foot, axis.tangent(s))).max() < 1e-12
 
@@ -82,11 +88,17 @@ def test_axis_is_a_curve_with_a_grade_whose_chainage_is_its_length():
 
 def test_section_frame_has_z_up_y_along_and_x_to_the_right():
     frame = TUNNEL.alignment.frame(EVERYWHERE)
-    np.testing.assert_allclose(frame @ frame.swapaxes(1, 2), np.broadcast_to(np.eye(3), frame.shape), atol=1e-15)
+    np.testing.assert_allclose(
+        frame @ frame.swapaxes(1, 2), np.broadcast_to(np.eye(3), frame.shape), atol=1e-15
+    )
     np.testing.assert_allclose(np.cross(frame[:, 1], frame[:, 2]), frame[:, 0], atol=1e-15)
-    assert frame[:, 0, 0].min() > 0.98 and frame[:, 1, 1].min() > 0.98 and frame[:, 2, 2].min() > 0.99
+    assert (
+        frame[:, 0, 0].min() > 0.98 and frame[:, 1, 1].min() > 0.98 and frame[:, 2, 2].min() > 0.99
+    )
     middle = TUNNEL.alignment.position(65.0)
-    crown, right = (TUNNEL.alignment.polar_points(65.0, alpha, 2.0) - middle for alpha in (0.0, np.pi / 2))
+    crown, right = (
+        TUNNEL.alignment.polar_points(65.0, alpha, 2.0) - middle for alpha in (0.0, np.pi / 2)
+    )
     np.testing.assert_allclose(crown[[0, 2]], [0.0, 2.0], atol=1e-3)
     np.testing.assert_allclose(right, [2.0, 0.0, 0.0], atol=1e-12)
 
@@ -94,12 +106,15 @@ def test_section_frame_has_z_up_y_along_and_x_to_the_right():
 # -------------------------------------------------------------------------- the deformation
 
 
-@pytest.mark.parametrize(("chainage", "largest"), list(zip(FLAGGED_SECTIONS, (0.0109, 0.0212, 0.0243), strict=True)))
+@pytest.mark.parametrize(
+    ("chainage", "largest"), list(zip(FLAGGED_SECTIONS, (0.0109, 0.0212, 0.0243), strict=True))
+)
 def test_three_sections_have_the_printed_maxima_at_the_crown(chainage, largest):
     delta = TUNNEL.deformation(ALPHA, chainage)
     assert np.abs(delta).max() == pytest.approx(largest, abs=1e-12)
     assert ALPHA[np.argmax(np.abs(delta))] in (0.0, -np.pi)
-    assert TUNNEL.deformation(0.0, chainage) == pytest.approx(-largest, abs=1e-12)  # the crown comes down
+    # the crown comes down
+    assert TUNNEL.deformation(0.0, chainage) == pytest.approx(-largest, abs=1e-12)
     springline = TUNNEL.deformation(np.deg2rad([-90.0, 90.0]), chainage)
     assert np.all(springline > 0) and np.all(springline < largest)
     assert ZONE[0] <= chainage <= ZONE[1] and chainage in SECTIONS
@@ -123,7 +138,9 @@ def test_quiet_zone_and_the_sections_where_nothing_happens_do_not_move():
 
 def test_dent_is_local_and_no_ellipse():
     delta = TUNNEL.deformation(ALPHA, 25.0)
-    harmonics = np.stack([np.ones_like(ALPHA), *(f(k * ALPHA) for k in (1, 2) for f in (np.cos, np.sin))], axis=1)
+    harmonics = np.stack(
+        [np.ones_like(ALPHA), *(f(k * ALPHA) for k in (1, 2) for f in (np.cos, np.sin))], axis=1
+    )
     left = delta - harmonics @ np.linalg.lstsq(harmonics, delta)[0]
     assert delta.min() == pytest.approx(-0.014) and delta.max() == 0
     assert np.abs(left).max() > 0.5 * 0.014
@@ -155,7 +172,9 @@ def test_lining_without_steps_is_an_ellipse_where_nothing_local_happens(epoch):
     s = np.linspace(35.0, 100.0, 40)[:, None]
     rho = SMOOTH.true_radius(ALPHA, s, epoch)
     a, b = SMOOTH.lining.semi_axes(s, epoch)
-    np.testing.assert_allclose((rho * np.sin(ALPHA) / a) ** 2 + (rho * np.cos(ALPHA) / b) ** 2, 1.0, atol=1e-14)
+    np.testing.assert_allclose(
+        (rho * np.sin(ALPHA) / a) ** 2 + (rho * np.cos(ALPHA) / b) ** 2, 1.0, atol=1e-14
+    )
 
 
 def test_lining_has_the_stated_sizes():
@@ -163,39 +182,61 @@ def test_lining_has_the_stated_sizes():
     assert np.all((a - b >= 0.005) & (a - b <= 0.015)) and np.ptp(a - b) > 0.005
     np.testing.assert_allclose((a + b) / 2, 2.70)
     assert np.abs(TUNNEL.lining.steps).max() <= 0.0025 and np.ptp(TUNNEL.lining.steps) > 0.0049
-    steps = TUNNEL.true_radius(ALPHA, EVERYWHERE[:, None], 1) - SMOOTH.true_radius(ALPHA, EVERYWHERE[:, None], 1)
+    steps = TUNNEL.true_radius(ALPHA, EVERYWHERE[:, None], 1) - SMOOTH.true_radius(
+        ALPHA, EVERYWHERE[:, None], 1
+    )
     assert len(np.unique(np.round(steps, 12))) == 109 * 6  # each segment stands in its own place
 
 
 def test_a_ray_goes_on_to_the_bottom_or_to_the_far_wall_of_a_recess():
     lining, rho, in_joint = TUNNEL.lining, 2.7, 0.5 * 1.2
     at = dict(alpha=np.array([0.1]), rho=np.array([rho]), around=np.array([0.0]))
-    down = lining.recess(chainage=np.array([12.001]), along=np.array([0.0]), outwards=np.array([1.0]), **at)
+    down = lining.recess(
+        chainage=np.array([12.001]), along=np.array([0.0]), outwards=np.array([1.0]), **at
+    )
     assert [float(value[0]) for value in down] == [0, 0.022, 1.0]
     slant = np.deg2rad(60.0)
-    far = lining.recess(chainage=np.array([12.001]), along=np.array([np.sin(slant)]), outwards=np.array([np.cos(slant)]), **at)
-    assert far[1][0] == pytest.approx(0.003 / np.sin(slant)) and far[2][0] == pytest.approx(np.sin(slant))
-    plain = lining.recess(chainage=np.array([12.0 + in_joint]), along=np.array([0.0]), outwards=np.array([1.0]), **at)
+    far = lining.recess(
+        chainage=np.array([12.001]),
+        along=np.array([np.sin(slant)]),
+        outwards=np.array([np.cos(slant)]),
+        **at,
+    )
+    assert far[1][0] == pytest.approx(0.003 / np.sin(slant)) and far[2][0] == pytest.approx(
+        np.sin(slant)
+    )
+    plain = lining.recess(
+        chainage=np.array([12.0 + in_joint]), along=np.array([0.0]), outwards=np.array([1.0]), **at
+    )
     assert plain[0][0] == -1 and plain[1][0] == 0
 
 
 @pytest.mark.parametrize(("chainage", "mirrored"), [(12.24, 1), (12.96, -1)])
 def test_a_ray_into_a_pocket_ends_where_a_walk_along_it_does(chainage, mirrored):
-    """A pocket of 16 cm by 10 cm and 6 cm depth, in its middle a bolt of 4 cm by 4 cm that ends 3 cm behind the face."""
+    """A pocket of 16 cm by 10 cm and 6 cm depth, in its middle a bolt of 4 cm by 4 cm that ends 3
+    cm behind the face.
+    """
     rng, rho, count, step = np.random.default_rng(5), 2.7, 1000, 2e-4
-    mouth = np.stack([rng.uniform(-0.08, 0.08, count), rng.uniform(-0.05, 0.05, count), np.zeros(count)])
+    mouth = np.stack(
+        [rng.uniform(-0.08, 0.08, count), rng.uniform(-0.05, 0.05, count), np.zeros(count)]
+    )
     ray = np.stack([*rng.standard_normal((2, count)), np.abs(rng.standard_normal(count)) + 0.1])
     ray /= np.linalg.norm(ray, axis=0)
     joint = np.pi / 12  # of an even ring
     alpha = joint + mirrored * 0.20 / rho + mouth[1] / rho
-    which, extra, cosines = TUNNEL.lining.recess(alpha, chainage + mouth[0], np.full(count, rho), *ray)
+    which, extra, cosines = TUNNEL.lining.recess(
+        alpha, chainage + mouth[0], np.full(count, rho), *ray
+    )
     at = mouth[:, None, :] + np.arange(step, 0.25, step)[:, None] * ray[:, None, :]
     on_bolt = (np.abs(at[0]) < 0.02) & (np.abs(at[1]) < 0.02) & (at[2] > 0.03)
     beyond = (np.abs(at[0]) > 0.08) | (np.abs(at[1]) > 0.05) | (at[2] > 0.06)
     end = np.argmax(on_bolt | beyond, axis=0)
     met = on_bolt[end, np.arange(count)]
     names = np.array(NAMES)[CODES["lining"] + 1 + which]
-    assert np.count_nonzero(met) > 80 and np.mean(names == np.where(met, "bolt", "bolt pocket")) > 0.99  # but for edges
+    # but for edges
+    assert (
+        np.count_nonzero(met) > 80 and np.mean(names == np.where(met, "bolt", "bolt pocket")) > 0.99
+    )
     same = (names == "bolt") == met
     np.testing.assert_allclose(extra[same], step * (1 + end[same]), rtol=0.0, atol=2 * step)
     assert cosines[names == "bolt"].min() >= 1 / np.sqrt(3)
@@ -222,20 +263,38 @@ def test_every_label_is_where_it_says(truth):
     assert np.all((s >= 0) & (s <= 130))
     for name, depth in (("joint", 0.022), ("bolt pocket", 0.06), ("grouting hole", 0.06)):
         behind = distances[codes == CODES[name]]
-        assert behind.max() < depth + 0.006 and np.median(behind) > 0.002  # a joint may end on the higher of two segments
+        # a joint may end on the higher of two segments
+        assert behind.max() < depth + 0.006 and np.median(behind) > 0.002
     bolt = codes == CODES["bolt"]
     from_ring_joint = np.abs(s[bolt] - 1.2 * np.round(s[bolt] / 1.2))
     assert bolt.any() and np.abs(from_ring_joint - 0.24).max() < 0.0205
-    assert distances[bolt].min() > 0.025 and distances[bolt].max() < 0.065  # 30 to 60 mm but for steps between rings
+    # 30 to 60 mm but for steps between rings
+    assert distances[bolt].min() > 0.025 and distances[bolt].max() < 0.065
     np.testing.assert_allclose(v[codes == CODES["track bed"]], furniture.bed, atol=1e-9)
     walk = codes == CODES["catwalk"]
-    on_top, on_edge = np.abs(v[walk] - furniture.catwalk.top) < 1e-9, np.abs(u[walk] - furniture.catwalk.edge) < 1e-6
+    on_top, on_edge = (
+        np.abs(v[walk] - furniture.catwalk.top) < 1e-9,
+        np.abs(u[walk] - furniture.catwalk.edge) < 1e-6,
+    )
     assert np.all(on_top | on_edge) and on_top.any() and on_edge.any()
-    from_tubes = np.min([np.abs(np.hypot(u - tube.middle[0], v - tube.middle[1]) - tube.radius) for tube in furniture.tubes], axis=0)
+    from_tubes = np.min(
+        [
+            np.abs(np.hypot(u - tube.middle[0], v - tube.middle[1]) - tube.radius)
+            for tube in furniture.tubes
+        ],
+        axis=0,
+    )
     assert from_tubes[np.isin(codes, [CODES["cable"], CODES["pipe"]])].max() < 1e-6
     for box in furniture.boxes:
-        on = (codes == CODES[box.label]) & (alpha > box.alpha[0] - 0.01) & (alpha < box.alpha[1] + 0.01)
-        in_box = s[on] - np.array(box.starts)[np.clip(np.searchsorted(box.starts, s[on] + 0.01) - 1, 0, None)]
+        on = (
+            (codes == CODES[box.label])
+            & (alpha > box.alpha[0] - 0.01)
+            & (alpha < box.alpha[1] + 0.01)
+        )
+        in_box = (
+            s[on]
+            - np.array(box.starts)[np.clip(np.searchsorted(box.starts, s[on] + 0.01) - 1, 0, None)]
+        )
         assert on.any() and in_box.max() < box.length + 0.01 and rho[on].min() > box.rho - 1e-6
     protruding = np.isin(codes, [CODES[name] for name in ATTACHMENTS])
     assert distances[protruding].max() < 0  # all of it inside the lining
@@ -272,7 +331,13 @@ def solid(points, epoch):
     for box in furniture.boxes:
         starts = np.array(box.starts)
         along = s - starts[np.clip(np.searchsorted(starts, s) - 1, 0, None)]
-        filled[(alpha > box.alpha[0]) & (alpha < box.alpha[1]) & (rho > box.rho) & (along > 0) & (along < box.length)] = CODES[box.label]
+        filled[
+            (alpha > box.alpha[0])
+            & (alpha < box.alpha[1])
+            & (rho > box.rho)
+            & (along > 0)
+            & (along < box.length)
+        ] = CODES[box.label]
     for tube in furniture.tubes:
         filled[np.hypot(u - tube.middle[0], v - tube.middle[1]) < tube.radius] = CODES[tube.label]
     walk = furniture.catwalk
@@ -285,10 +350,27 @@ def solid(points, epoch):
 
 @pytest.mark.parametrize(("epoch", "chainage"), [(1, 50.0), (2, 108.0)])
 def test_beams_end_where_a_walk_along_them_first_leaves_the_air(epoch, chainage):
-    station, generator, step = TUNNEL.alignment.points(chainage, 0.15, -0.35), np.random.default_rng(3), 0.005
-    azimuth, elevation = generator.uniform(-np.pi, np.pi, 500), generator.uniform(np.deg2rad(-40), np.deg2rad(60), 500)
-    azimuth[:150] = generator.uniform(-0.3, 0.3, 150) + np.pi * generator.integers(0, 2, 150) + np.pi / 2  # along the tunnel
-    beams = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
+    station, generator, step = (
+        TUNNEL.alignment.points(chainage, 0.15, -0.35),
+        np.random.default_rng(3),
+        0.005,
+    )
+    azimuth, elevation = (
+        generator.uniform(-np.pi, np.pi, 500),
+        generator.uniform(np.deg2rad(-40), np.deg2rad(60), 500),
+    )
+    # along the tunnel
+    azimuth[:150] = (
+        generator.uniform(-0.3, 0.3, 150) + np.pi * generator.integers(0, 2, 150) + np.pi / 2
+    )
+    beams = np.stack(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ],
+        axis=1,
+    )
     back, ranges, _, codes = cast(TUNNEL, epoch, LINE, station, beams)
     codes = np.where(np.isin(codes, IN_LINING), CODES["lining"], codes)
     found, walked, left = np.full(len(back), -1), np.zeros(len(back)), np.arange(len(back))
@@ -299,7 +381,8 @@ def test_beams_end_where_a_walk_along_them_first_leaves_the_air(epoch, chainage)
         left = left[~met]
     near = (found >= 0) & (found < len(NAMES))
     assert np.count_nonzero(near) > 400 and np.count_nonzero(near & (found != CODES["lining"])) > 70
-    assert np.mean(found[near] == codes[near]) > 0.99  # the rest: corners that the steps of the walk miss
+    # the rest: corners that the steps of the walk miss
+    assert np.mean(found[near] == codes[near]) > 0.99
     late = (ranges - walked)[near & (found == codes)]
     # Recesses go on behind the face; flanks of boxes are known to some mm.
     assert np.percentile(late, 1) > -step - 1e-9 and np.percentile(late, 90) < 1e-9
@@ -307,13 +390,17 @@ def test_beams_end_where_a_walk_along_them_first_leaves_the_air(epoch, chainage)
 
 def test_a_straight_level_tunnel_is_open_at_both_ends():
     straight = replace(SMOOTH, alignment=Alignment(radius=1e7, grade=0.0))
-    beams = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.6, 0.8], [0.0, 1.0, -0.7] / np.hypot(1.0, 0.7)])
+    beams = np.array(
+        [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.6, 0.8], [0.0, 1.0, -0.7] / np.hypot(1.0, 0.7)]
+    )
     endless = replace(LINE, max_range=np.inf)
     back, ranges, cosines, codes = cast(straight, 1, endless, np.array([0.0, 40.0, 0.0]), beams)
     assert back.tolist() == [2, 3] and [NAMES[code] for code in codes] == ["lining", "track bed"]
     crown = straight.true_radius(0.0, 42.0, 1)
     np.testing.assert_allclose(ranges[1], 2.0 / beams[3, 2] * -1, rtol=1e-9)
-    assert ranges[0] == pytest.approx(crown / 0.8, rel=1e-5) and cosines[0] == pytest.approx(0.8, rel=1e-3)
+    assert ranges[0] == pytest.approx(crown / 0.8, rel=1e-5) and cosines[0] == pytest.approx(
+        0.8, rel=1e-3
+    )
 
 
 def test_track_bed_and_cabinet_hide_the_lining():
@@ -326,13 +413,16 @@ def test_track_bed_and_cabinet_hide_the_lining():
 
 @pytest.mark.parametrize("distance", [-2.0, 2.0, 5.0, 8.0, 11.0, 16.0, 20.0])
 def test_density_of_points_falls_along_the_tunnel(distance):
-    """Points of full density in a slab of 50 mm of a whole ring; a tenth of the density in ten times the slab is the same."""
+    """Points of full density in a slab of 50 mm of a whole ring; a tenth of the density in ten
+    times the slab is the same.
+    """
     whole_ring = {2: 24_800, 5: 5100, 8: 1560, 11: 650, 16: 210, 20: 115}[int(abs(distance))]
     setup = EPOCHS[0].stations[2]
     s = TUNNEL.alignment.section_coordinates(setup.pose.position)[0] + distance
     seen = section_scan(TUNNEL, [setup], s, 450_000, thickness=0.5)
     of_lining = np.count_nonzero(np.isin(seen.codes, IN_LINING))
-    assert 0.55 < of_lining / whole_ring < 0.95  # the rest of the ring is behind bed, catwalk, cables and brackets
+    # the rest of the ring is behind bed, catwalk, cables and brackets
+    assert 0.55 < of_lining / whole_ring < 0.95
 
 
 def test_scanner_sees_neither_what_is_near_nor_the_crown_above_it(small):
@@ -360,7 +450,11 @@ def test_campaign_has_six_and_four_stations_and_the_density_is_one_number(small)
     dense = scan_station(TUNNEL, setup, 4 * DENSITY)
     assert 0.9 * DENSITY < len(small.epochs[0].stations[2]) <= 1.02 * DENSITY
     assert len(dense) / len(small.epochs[0].stations[2]) == pytest.approx(4, rel=0.02)
-    assert "lining" in repr(dense) and dense.codes.dtype == np.uint8 and dense.points.shape == (len(dense), 3)
+    assert (
+        "lining" in repr(dense)
+        and dense.codes.dtype == np.uint8
+        and dense.points.shape == (len(dense), 3)
+    )
 
 
 def test_same_seed_same_campaign_and_poses_do_not_hang_on_the_density(small):
@@ -370,11 +464,14 @@ def test_same_seed_same_campaign_and_poses_do_not_hang_on_the_density(small):
             np.testing.assert_array_equal(p.pose.rotation, q.pose.rotation)
             np.testing.assert_array_equal(p.targets.scanned, q.targets.scanned)
         np.testing.assert_array_equal(a.stickers.scanned, b.stickers.scanned)
-    first, again, third = (scan_station(TUNNEL, epochs[1].stations[0], 3000) for epochs in (one, same, other))
+    first, again, third = (
+        scan_station(TUNNEL, epochs[1].stations[0], 3000) for epochs in (one, same, other)
+    )
     np.testing.assert_array_equal(first.points, again.points)
     assert np.linalg.norm(first.pose.position - third.pose.position) > 1e-3
     in_study = EPOCHS[0].stations[4].pose.position
-    np.testing.assert_array_equal(small.epochs[0].stations[4].pose.position, in_study)  # whatever the density
+    # whatever the density
+    np.testing.assert_array_equal(small.epochs[0].stations[4].pose.position, in_study)
 
 
 def test_scans_are_levelled_look_along_the_tunnel_and_fit_together(small):
@@ -384,9 +481,13 @@ def test_scans_are_levelled_look_along_the_tunnel_and_fit_together(small):
             np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
             assert np.linalg.det(rotation) > 0
             assert np.arccos(rotation[2, 2]) < np.deg2rad(0.03)
-            assert rotation[:, 1] @ TUNNEL.alignment.tangent(station.setup.chainage) > np.cos(np.deg2rad(10.5))
+            assert rotation[:, 1] @ TUNNEL.alignment.tangent(station.setup.chainage) > np.cos(
+                np.deg2rad(10.5)
+            )
             points = station.pose.to_engineering(station.points)
-            np.testing.assert_allclose(station.pose.to_instrument(points), station.points, atol=1e-12)
+            np.testing.assert_allclose(
+                station.pose.to_instrument(points), station.points, atol=1e-12
+            )
             lining = station.codes == CODES["lining"]
             errors = TUNNEL.distances(points[lining], epoch.number)
             # The steps between segments reach 5 mm where noise carries a point over a joint.
@@ -396,13 +497,16 @@ def test_scans_are_levelled_look_along_the_tunnel_and_fit_together(small):
 def test_noise_is_the_scanner_s():
     setup = EPOCHS[0].stations[1]
     station = scan_station(TUNNEL, setup, DENSITY)
-    beams, ranges, cosines, codes = cast_beams(TUNNEL, setup, RIEGL_VZ400, station_grid(DENSITY).beams(slice(None)))
+    beams, ranges, cosines, codes = cast_beams(
+        TUNNEL, setup, RIEGL_VZ400, station_grid(DENSITY).beams(slice(None))
+    )
     np.testing.assert_array_equal(codes, station.codes)
     errors = station.points - ranges[:, None] * beams
     z = np.linalg.solve(RIEGL_VZ400.roots(beams, ranges, cosines), errors[:, :, None])[:, :, 0]
     assert np.abs(np.cov(z.T) - np.eye(3)).max() < 5 * np.sqrt(2 / len(z))
     assert np.abs(z.mean(axis=0)).max() < 4 / np.sqrt(len(z))
-    oblique = cosines < 0.3  # the range is the less certain, the more obliquely a beam meets the surface
+    # the range is the less certain, the more obliquely a beam meets the surface
+    oblique = cosines < 0.3
     along = np.einsum("ni,ni->n", errors, beams)
     assert np.std(along[oblique]) > 1.7 * np.std(along[~oblique])
 
@@ -418,14 +522,19 @@ def test_targets_hold_a_registration(small):
             net.append(targets.control - targets.true)
             scan.append(station.pose.to_engineering(targets.scanned) - targets.true)
             for name, point in zip(targets.names, targets.control, strict=True):
-                np.testing.assert_array_equal(control.setdefault(name, point), point)  # one net for both epochs
+                # one net for both epochs
+                np.testing.assert_array_equal(control.setdefault(name, point), point)
             # Registered by the targets, the lining is where it was within some mm.
             source, goal = targets.scanned, targets.control
             h = (source - source.mean(axis=0)).T @ (goal - goal.mean(axis=0))
             left, _, right = np.linalg.svd(h)
             rotation = right.T @ np.diag([1, 1, np.linalg.det(left @ right)]) @ left.T
             wall = np.array([[2.7, 10.0, 0.0], [-2.7, -10.0, 0.0], [0.0, 7.0, 2.7]])
-            moved = goal.mean(axis=0) + (wall - source.mean(axis=0)) @ rotation.T - station.pose.to_engineering(wall)
+            moved = (
+                goal.mean(axis=0)
+                + (wall - source.mean(axis=0)) @ rotation.T
+                - station.pose.to_engineering(wall)
+            )
             assert np.linalg.norm(moved, axis=1).max() < 0.008
     # 46 targets, some used twice: sd within 5 standard errors.
     assert np.std(np.concatenate(scan)) == pytest.approx(TARGET_SD, rel=0.3)
@@ -442,21 +551,38 @@ def test_stickers_sit_on_the_lining_and_move_with_it(small):
         by_total_station = stickers.total_station - stickers.true
         assert 0.0003 < np.sqrt(np.mean(np.sum(by_total_station**2, axis=1))) < 0.0015
         poses = [epoch.stations[place].pose for place in stickers.station]
-        by_scan = np.array([pose.to_engineering(p) for pose, p in zip(poses, stickers.scanned, strict=True)]) - stickers.true
+        by_scan = (
+            np.array(
+                [pose.to_engineering(p) for pose, p in zip(poses, stickers.scanned, strict=True)]
+            )
+            - stickers.true
+        )
         assert np.std(by_scan) == pytest.approx(TARGET_SD, rel=0.3)
-    for i, j in zip(*np.nonzero(np.equal.outer(first.chainage, second.chainage) & np.equal.outer(first.alpha, second.alpha)), strict=True):
+    for i, j in zip(
+        *np.nonzero(
+            np.equal.outer(first.chainage, second.chainage)
+            & np.equal.outer(first.alpha, second.alpha)
+        ),
+        strict=True,
+    ):
         moved = np.linalg.norm(second.true[j] - first.true[i])
-        assert moved == pytest.approx(abs(TUNNEL.deformation(first.alpha[i], first.chainage[i])), abs=1e-9)
+        assert moved == pytest.approx(
+            abs(TUNNEL.deformation(first.alpha[i], first.chainage[i])), abs=1e-9
+        )
 
 
 # ------------------------------------------------------------------------ one section alone
 
 
 def test_section_is_the_slab_of_the_campaign():
-    """The same beams end on the same points of the lining, whether the whole station is scanned or one slab."""
+    """The same beams end on the same points of the lining, whether the whole station is scanned or
+    one slab.
+    """
     setup, density, chainage, thickness = EPOCHS[1].stations[2], 60_000, 65.0, 0.4
     alone = section_scan(TUNNEL, [setup], chainage, density, thickness=thickness)
-    beams, ranges, _, codes = cast_beams(TUNNEL, setup, RIEGL_VZ400, station_grid(density).beams(slice(None)))
+    beams, ranges, _, codes = cast_beams(
+        TUNNEL, setup, RIEGL_VZ400, station_grid(density).beams(slice(None))
+    )
     points = setup.pose.to_engineering(ranges[:, None] * beams)
     s, _, rho = section_of(points)
     slab = (np.abs(s - chainage) <= 0.5 * thickness) & (rho > 2.6)
@@ -468,9 +594,15 @@ def test_section_is_the_slab_of_the_campaign():
 
 @pytest.mark.parametrize("epoch", EPOCHS, ids=["first", "second"])
 def test_a_slab_is_found_in_the_columns_that_look_at_it(monkeypatch, epoch):
-    """The same points, whether the grid is walked through column by column or in blocks of half of the circle."""
-    chainages = (5.0, 43.0, 71.2, 105.0, 125.0)  # up to 30 m before and behind the stations, and beside one
-    at_once = [section_scan(TUNNEL, epoch.stations, chainage, DENSITY, thickness=0.4) for chainage in chainages]
+    """The same points, whether the grid is walked through column by column or in blocks of half of
+    the circle.
+    """
+    # up to 30 m before and behind the stations, and beside one
+    chainages = (5.0, 43.0, 71.2, 105.0, 125.0)
+    at_once = [
+        section_scan(TUNNEL, epoch.stations, chainage, DENSITY, thickness=0.4)
+        for chainage in chainages
+    ]
     monkeypatch.setattr(slab, "BLOCK", len(station_grid(DENSITY).elevations))
     for section, chainage in zip(at_once, chainages, strict=True):
         by_column = section_scan(TUNNEL, epoch.stations, chainage, DENSITY, thickness=0.4)
@@ -478,7 +610,9 @@ def test_a_slab_is_found_in_the_columns_that_look_at_it(monkeypatch, epoch):
         for name in ("codes", "stations"):
             np.testing.assert_array_equal(getattr(by_column, name), getattr(section, name))
         for name in ("points", "roots"):
-            np.testing.assert_allclose(getattr(by_column, name), getattr(section, name), rtol=0.0, atol=1e-9)
+            np.testing.assert_allclose(
+                getattr(by_column, name), getattr(section, name), rtol=0.0, atol=1e-9
+            )
 
 
 def test_redrawn_sections_have_the_scanner_s_noise():
@@ -486,7 +620,9 @@ def test_redrawn_sections_have_the_scanner_s_noise():
     assert len(set(section.stations)) > 1
     clouds = section_points(section, 400, seed=1)
     z = np.linalg.solve(section.roots, (clouds - section.points)[..., None])[..., 0]
-    assert abs(np.mean(z**2) - 1) < 5 * np.sqrt(2 / z.size) and abs(np.mean(z)) < 5 / np.sqrt(z.size)
+    assert abs(np.mean(z**2) - 1) < 5 * np.sqrt(2 / z.size) and abs(np.mean(z)) < 5 / np.sqrt(
+        z.size
+    )
     np.testing.assert_array_equal(section_points(section, 3, seed=1), clouds[:3])
     assert np.abs(section_points(section, 1, seed=2) - clouds[:1]).max() > 1e-4
 
@@ -519,9 +655,18 @@ SECTION = section_scan(TUNNEL, EPOCHS[0].stations, 45.0, 5000)
         (lambda: Alignment(radius=0.0), "radius: expected a positive"),
         (lambda: Lining(np.zeros((5, 4))), r"steps: expected shape \(rings, 6\), got \(5, 4\)"),
         (lambda: TUNNEL.true_radius(0.0, 5.0, 3), "epoch: expected one of 1, 2; got 3"),
-        (lambda: section_scan(TUNNEL, (), 45.0), "setups: expected stations of one epoch, got those of 0"),
-        (lambda: section_scan(TUNNEL, EPOCHS[0].stations + EPOCHS[1].stations, 45.0), "expected stations of one epoch, got those of 2"),
-        (lambda: section_points(SECTION, 0, 1), "n_trials: expected a whole number of at least 1, got 0"),
+        (
+            lambda: section_scan(TUNNEL, (), 45.0),
+            "setups: expected stations of one epoch, got those of 0",
+        ),
+        (
+            lambda: section_scan(TUNNEL, EPOCHS[0].stations + EPOCHS[1].stations, 45.0),
+            "expected stations of one epoch, got those of 2",
+        ),
+        (
+            lambda: section_points(SECTION, 0, 1),
+            "n_trials: expected a whole number of at least 1, got 0",
+        ),
         (lambda: SECTION.sample(10**6, 1), "n_points: expected from 1 to the"),
     ],
 )

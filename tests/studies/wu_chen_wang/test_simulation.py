@@ -1,4 +1,6 @@
-"""The studies of the plane paper: its simulation recovered, its σ0 explained, its scan placed, its algorithms compared."""
+"""The studies of the plane paper: its simulation recovered, its σ0 explained, its scan placed, its
+algorithms compared.
+"""
 
 from dataclasses import replace
 
@@ -32,7 +34,8 @@ def history():
     return convergence.study()
 
 
-# ------------------------------------------------------------------------------------- the five numbers
+# ------------------------------------------------------------------------------------- the five
+# numbers
 
 
 def test_the_five_numbers_are_those_of_the_definitions(trials, fits):
@@ -46,7 +49,9 @@ def test_the_five_numbers_are_those_of_the_definitions(trials, fits):
     sigma_s = np.sqrt(np.mean(v**2, axis=1) / (1 + a * a + b * b))
     assert found[0, 0] == pytest.approx(100 * sigma_s.mean(), rel=1e-9)
     sigma_0 = np.sqrt(np.sum(v**2, axis=1) / 97).mean()
-    assert found[0, 3] == pytest.approx(100 * (1 - fits["wtls"].sigma_0[:10].mean() / sigma_0), rel=1e-9)
+    assert found[0, 3] == pytest.approx(
+        100 * (1 - fits["wtls"].sigma_0[:10].mean() / sigma_0), rel=1e-9
+    )
 
 
 def test_wtls_is_weighted_principal_components_of_its_own_weights(trials, fits):
@@ -66,25 +71,36 @@ def test_the_quasi_newton_method_finds_the_plane_of_newtons(fits):
 
 
 def test_the_recovered_setting_prints_all_five(fits):
-    comparison = simulation.against_print(simulation.five(fits, simulation.consecutive(600)), np.zeros(5))
+    comparison = simulation.against_print(
+        simulation.five(fits, simulation.consecutive(600)), np.zeros(5)
+    )
     assert comparison["inside"].all()
     assert comparison["percentile"].between(5, 95).all()
     assert comparison["median"].to_numpy() == pytest.approx([5.9, 4.75, 4.8, 83, 53.1], rel=0.02)
 
 
 def test_a_number_is_inside_as_far_as_its_digits_tell():
-    experiments = np.tile(np.linspace(0, 1, 401)[:, None], (1, 5)) * 0.1 + [5.94, 4.86, 4.5, 83.4, 60.0]
+    experiments = np.tile(np.linspace(0, 1, 401)[:, None], (1, 5)) * 0.1 + [
+        5.94,
+        4.86,
+        4.5,
+        83.4,
+        60.0,
+    ]
     inside = simulation.against_print(experiments, np.zeros(5))["inside"]
     assert inside.tolist() == [True, False, False, True, False]
 
 
-# -------------------------------------------------------------------------------------------- recovery
+# --------------------------------------------------------------------------------------------
+# recovery
 
 
 @pytest.fixture(scope="module")
 def nodes():
     sides, sigmas = np.geomspace(0.14, 0.36, 4), np.geomspace(0.017, 0.029, 4)
-    return recovery.search(sides, sigmas, 60, recovery.RECOVERED, [recovery.LITERAL, "pure TLS; cosines raw, LS plane"])
+    return recovery.search(
+        sides, sigmas, 60, recovery.RECOVERED, [recovery.LITERAL, "pure TLS; cosines raw, LS plane"]
+    )
 
 
 def test_the_search_finds_the_setting(nodes):
@@ -103,7 +119,9 @@ def test_weights_of_the_ls_plane_do_not_print_the_numbers(nodes):
 
 
 def test_points_about_the_origin_do_not_print_the_numbers():
-    nodes = recovery.search(np.geomspace(0.14, 0.36, 4), np.geomspace(0.017, 0.029, 4), 40, "square about the origin")
+    nodes = recovery.search(
+        np.geomspace(0.14, 0.36, 4), np.geomspace(0.017, 0.029, 4), 40, "square about the origin"
+    )
     assert recovery.summary(nodes[recovery.LITERAL].compared(4))["most_inside"] < 5
 
 
@@ -117,15 +135,20 @@ def test_nodes_are_met_and_smooth_statistics_interpolated():
     lower = np.quantile(1 + 0.1 * scatter[:, 0], 0.025)
     np.testing.assert_allclose(compared["sigma_s_ls_cm_lower"], truth * lower, rtol=5e-3)
     on_nodes = np.isclose(compared["side_m"], sides[2]) & np.isclose(compared["sigma_m"], sigmas[1])
-    np.testing.assert_allclose(compared["sigma_s_ls_cm_lower"][on_nodes], sigmas[1] / sides[2] * lower, rtol=1e-9)
+    np.testing.assert_allclose(
+        compared["sigma_s_ls_cm_lower"][on_nodes], sigmas[1] / sides[2] * lower, rtol=1e-9
+    )
 
 
-# ---------------------------------------------------------------------------------------------- errors
+# ----------------------------------------------------------------------------------------------
+# errors
 
 
 def test_attenuation_and_biases(fits):
     table = errors.errors(fits).set_index("variant")
-    assert table.loc["ls", ["bias_a", "bias_b", "bias_c"]].tolist() == pytest.approx([-0.42, -1.23, 0.16], abs=0.03)
+    assert table.loc["ls", ["bias_a", "bias_b", "bias_c"]].tolist() == pytest.approx(
+        [-0.42, -1.23, 0.16], abs=0.03
+    )
     assert table.loc["wtls", "bias_b"] > 0.05 > abs(table.loc["wtls, projected", "bias_b"])
     # Projected cosines are as good as the true ones.
     medians = table[["median_a", "median_b", "median_c"]]
@@ -136,8 +159,14 @@ def test_attenuation_and_biases(fits):
 
 def test_exact_points_have_no_errors():
     points, cosines = clouds.plane_clouds(clouds.plane_draws(3), sigma=1e-12)
-    table = errors.errors({name: simulation.fitted(points, cosines, name) for name in ("ls", "mixed_ls_tls", "wtls, true")})
-    assert table.drop(columns="variant").abs().to_numpy().max() < 1e-4  # the points are rounded to 1 µm
+    table = errors.errors(
+        {
+            name: simulation.fitted(points, cosines, name)
+            for name in ("ls", "mixed_ls_tls", "wtls, true")
+        }
+    )
+    # the points are rounded to 1 µm
+    assert table.drop(columns="variant").abs().to_numpy().max() < 1e-4
 
 
 def test_perfect_sigma_0_is_what_residuals_of_the_true_plane_give(trials):
@@ -146,9 +175,15 @@ def test_perfect_sigma_0_is_what_residuals_of_the_true_plane_give(trials):
     a, b, c = PLANE
     perfect = errors.perfect_sigma_0(cosines)
     assert np.sqrt(np.mean(v**2)) == pytest.approx(perfect["ls"], rel=0.01)
-    assert np.sqrt(np.mean(v**2) / (1 + a * a + b * b + c * c)) == pytest.approx(perfect["tls"], rel=0.01)
-    assert np.sqrt(np.mean(v**2) / (1 + a * a + b * b)) == pytest.approx(perfect["mixed_ls_tls"], rel=0.01)
-    assert np.sqrt(np.mean(cosines * v**2) / (1 + a * a + b * b)) == pytest.approx(perfect["wtls"], rel=0.01)
+    assert np.sqrt(np.mean(v**2) / (1 + a * a + b * b + c * c)) == pytest.approx(
+        perfect["tls"], rel=0.01
+    )
+    assert np.sqrt(np.mean(v**2) / (1 + a * a + b * b)) == pytest.approx(
+        perfect["mixed_ls_tls"], rel=0.01
+    )
+    assert np.sqrt(np.mean(cosines * v**2) / (1 + a * a + b * b)) == pytest.approx(
+        perfect["wtls"], rel=0.01
+    )
 
 
 def test_the_percentages_are_a_change_of_unit(trials, fits):
@@ -174,20 +209,26 @@ def test_upright_clouds_are_seen():
     assert simulation.not_upright(np.concatenate([points, upright])).tolist() == [True, True, False]
 
 
-# ------------------------------------------------------------------------------------------ ground scan
+# ------------------------------------------------------------------------------------------ ground
+# scan
 
 
 def test_printed_gains_follow_from_the_implied_place():
     implied = ground_scan.implied().set_index(["reading", "quantity"])
     level = implied.loc["level ground, TLS by pure SVD"]
-    height, angle = level.loc["height of the scanner", "value"], np.radians(level.loc["incidence angle", "value"])
+    height, angle = (
+        level.loc["height of the scanner", "value"],
+        np.radians(level.loc["incidence angle", "value"]),
+    )
     assert 1 - np.sqrt(np.cos(angle)) == pytest.approx(0.76)
     assert 1 - np.sqrt(np.cos(angle)) * np.sqrt(1 + height**2) == pytest.approx(0.63)
     assert level.loc["range", "value"] == pytest.approx(height / np.cos(angle))
     slope, angle = np.radians(implied.loc["mixed LS-TLS", "value"])
     assert 1 - np.sqrt(np.cos(angle)) == pytest.approx(0.63)
     assert 1 - np.sqrt(np.cos(angle)) * np.cos(slope) == pytest.approx(0.76)
-    assert (implied["lower"] < implied["value"]).all() and (implied["value"] < implied["upper"]).all()
+    assert (implied["lower"] < implied["value"]).all() and (
+        implied["value"] < implied["upper"]
+    ).all()
 
 
 def test_the_clean_scan_is_the_ground_and_prints_the_gains():
@@ -196,7 +237,9 @@ def test_the_clean_scan_is_the_ground_and_prints_the_gains():
     a, b, c = ground_scan.truth(SCENE["height"])
     x, y, z = scan.true_points.T
     np.testing.assert_allclose(z, a * x + b * y + c, atol=1e-9)
-    assert y.min() == pytest.approx(SCENE["near"], rel=0.02) and y.max() == pytest.approx(SCENE["far"], rel=0.1)
+    assert y.min() == pytest.approx(SCENE["near"], rel=0.02) and y.max() == pytest.approx(
+        SCENE["far"], rel=0.1
+    )
     fits = ground_scan.fitted(redraw(scan, 40, 1), SCANNER, ("ls", "tls", "wtls"))
     comparison = ground_scan.against_print(fits)
     np.testing.assert_allclose(comparison["median"][:2], comparison["printed"][:2], atol=1.5)
@@ -207,17 +250,23 @@ def test_all_methods_find_a_clean_ground_and_only_robust_a_cluttered_one():
     for clutter in (False, True):
         scan = ground_scan.ground_scan(np.random.default_rng(1), SCANNER, **SCENE, clutter=clutter)
         fits = ground_scan.fitted(redraw(scan, 60, 2), SCANNER)
-        found[clutter] = ground_scan.accuracy(fits, ground_scan.truth(SCENE["height"]), np.array([0.0, 20.0])).set_index("method")
+        found[clutter] = ground_scan.accuracy(
+            fits, ground_scan.truth(SCENE["height"]), np.array([0.0, 20.0])
+        ).set_index("method")
     clean, cluttered = found[False], found[True]
     assert clean["height_mm"].max() < 1.1 * clean["height_mm"].min()
     np.testing.assert_allclose(clean["claimed_mm"], clean["height_mm"], rtol=0.35)
     assert clean["held_percent"].min() > 80
     robust = cluttered.index.str.startswith("robust")
     assert cluttered["height_mm"][~robust].min() > 20 * cluttered["height_mm"][robust].iloc[0]
-    assert cluttered["held_percent"][~robust].max() == 0 and cluttered["held_percent"][robust].iloc[0] > 80
+    assert (
+        cluttered["held_percent"][~robust].max() == 0
+        and cluttered["held_percent"][robust].iloc[0] > 80
+    )
 
 
-# ------------------------------------------------------------------------------------------ convergence
+# ------------------------------------------------------------------------------------------
+# convergence
 
 
 def test_all_algorithms_but_one_reach_the_minimum(history):
@@ -240,7 +289,9 @@ def test_quasi_newton_never_climbs(history):
 
 def test_counts_are_read_off_the_history(history):
     counts = convergence.counts(history).set_index("run")
-    steps = history[(history["problem"] == "plane") & (history["run"] == "bfgs")].set_index("iteration")
+    steps = history[(history["problem"] == "plane") & (history["run"] == "bfgs")].set_index(
+        "iteration"
+    )
     n = counts.loc["BFGS", "plane"]
     assert steps["excess"][n] < convergence.REACHED <= steps["excess"][n - 1]
     assert counts.loc["Newton", "plane"] < counts["plane"].drop("Newton").min()

@@ -1,13 +1,13 @@
 """Beams of an angular grid cast into a scene, and what the scanner records of them.
 
-Each beam is cast as a ray. Around it lies a footprint, over which the instrument averages: where the footprint
-covers two ranges, at an edge, the recorded range is the mean of the ranges in it, weighted by the power that comes
-back, Gaussian over the beam and Lambertian from the surface, ``exp(−2u²) cos(θ)/ρ²``. Such a *mixed pixel* lies on no
-surface, but between two. All other beams record the range of their centre. Where the centre of a beam meets nothing,
-nothing is recorded.
+Each beam is cast as a ray. Around it lies a footprint, over which the instrument averages: where
+the footprint covers two ranges, at an edge, the recorded range is the mean of the ranges in it,
+weighted by the power that comes back, Gaussian over the beam and Lambertian from the surface,
+``exp(−2u²) cos(θ)/ρ²``. Such a *mixed pixel* lies on no surface, but between two. All other beams
+record the range of their centre. Where the centre of a beam meets nothing, nothing is recorded.
 
-Casting knows no chance. Noise is added to its result by the scanner's stochastic model, once by :func:`scan`, or as
-often as needed by :func:`redraw`.
+Casting knows no chance. Noise is added to its result by the scanner's stochastic model, once by
+:func:`scan`, or as often as needed by :func:`redraw`.
 """
 
 from __future__ import annotations
@@ -50,15 +50,20 @@ class AngularGrid:
         for name in ("azimuth", "elevation"):
             window = finite_array(getattr(self, name), name)
             if window.shape != (2,) or not window[0] <= window[1]:
-                raise ValueError(f"{name}: expected (from, to) with from ≤ to, got {getattr(self, name)}")
+                raise ValueError(
+                    f"{name}: expected (from, to) with from ≤ to, got {getattr(self, name)}"
+                )
         if self.azimuth[1] - self.azimuth[0] > 2 * np.pi + 1e-9:
             raise ValueError(f"azimuth: expected a window of at most 2π rad, got {self.azimuth}")
         if max(np.abs(self.elevation)) > 0.5 * np.pi + 1e-9:
-            raise ValueError(f"elevation: expected angles from -π/2 to π/2 rad, got {self.elevation}")
+            raise ValueError(
+                f"elevation: expected angles from -π/2 to π/2 rad, got {self.elevation}"
+            )
 
     @classmethod
     def around(cls, target, radius: float, step: float, station=(0.0, 0.0, 0.0)) -> AngularGrid:
-        """The smallest window that shows a ball of ``radius`` (m) around ``target`` (3,), seen from ``station`` (3,).
+        """The smallest window that shows a ball of ``radius`` (m) around ``target`` (3,), seen from
+        ``station`` (3,).
 
         >>> grid = AngularGrid.around((0.0, 10.0, 0.0), radius=0.1, step=0.001)
         >>> len(grid), np.round(grid.azimuth, 3)
@@ -67,14 +72,22 @@ class AngularGrid:
         offset = vector(target, "target") - vector(station, "station")
         distance = np.linalg.norm(offset)
         if not positive(radius, "radius") < distance:
-            raise ValueError(f"radius: expected less than the distance of the target, {distance:g} m, got {radius!r}")
+            raise ValueError(
+                f"radius: expected less than the distance of the target, {distance:g} m, got {radius!r}"
+            )
         half = np.arcsin(radius / distance)
         elevation = np.arcsin(offset[2] / distance)
         if np.abs(elevation) + half >= 0.5 * np.pi:
-            raise ValueError(f"target: expected a window without the vertical axis of the station, got {target} with radius {radius:g}")
+            raise ValueError(
+                f"target: expected a window without the vertical axis of the station, got {target} with radius {radius:g}"
+            )
         half_azimuth = np.arcsin(np.sin(half) / np.cos(elevation))
         azimuth = np.arctan2(offset[1], offset[0])
-        return cls((azimuth - half_azimuth, azimuth + half_azimuth), (elevation - half, elevation + half), step)
+        return cls(
+            (azimuth - half_azimuth, azimuth + half_azimuth),
+            (elevation - half, elevation + half),
+            step,
+        )
 
     @property
     def azimuths(self) -> np.ndarray:
@@ -96,7 +109,8 @@ class AngularGrid:
         columns, rows = np.divmod(np.arange(*part.indices(len(self))), len(elevations))
         azimuth, elevation = azimuths[columns], elevations[rows]
         plan = np.cos(elevation)
-        # One coordinate after the other in memory, which all that is computed from the beams inherits.
+        # One coordinate after the other in memory, which all that is computed from the beams
+        # inherits.
         return np.stack([plan * np.cos(azimuth), plan * np.sin(azimuth), np.sin(elevation)]).T
 
 
@@ -111,7 +125,8 @@ class Scan:
     beams : (n, 3) unit vectors from the station, without noise
     true_ranges : (n,) in m, without noise: of the surface, or mixed
     cosines : (n,) of the incidence angle; of a mixed pixel the mean over its footprint
-    normals : (n, 3) unit normals, towards the scanner, of the surface that the centre of the beam meets
+    normals : (n, 3) unit normals, towards the scanner, of the surface that the centre of the beam
+        meets
 
     A mask or a slice selects points: ``scan[scan.on("wall")]``.
     """
@@ -155,7 +170,9 @@ class Scan:
         """
         unknown = [label for label in labels if label not in self.names]
         if unknown:
-            raise ValueError(f"labels: expected some of {', '.join(self.names)}; got {unknown[0]!r}")
+            raise ValueError(
+                f"labels: expected some of {', '.join(self.names)}; got {unknown[0]!r}"
+            )
         return np.isin(self.codes, [self.names.index(label) for label in labels])
 
     def __len__(self) -> int:
@@ -170,7 +187,13 @@ class Scan:
         return f"Scan({self.scanner.name}, {len(self)} points: {counts})"
 
 
-def scan(scene: Scene, grid: AngularGrid, scanner: Scanner, generator: np.random.Generator, station=(0.0, 0.0, 0.0)) -> Scan:
+def scan(
+    scene: Scene,
+    grid: AngularGrid,
+    scanner: Scanner,
+    generator: np.random.Generator,
+    station=(0.0, 0.0, 0.0),
+) -> Scan:
     """Scan a scene.
 
     Parameters
@@ -183,10 +206,11 @@ def scan(scene: Scene, grid: AngularGrid, scanner: Scanner, generator: np.random
 
     Returns
     -------
-    Scan. The time is proportional to beams times surfaces; beams are cast in blocks, so beyond the result
-    itself the memory does not grow with the grid.
+    Scan. The time is proportional to beams times surfaces; beams are cast in blocks, so beyond the
+    result itself the memory does not grow with the grid.
 
-    Raises ``ValueError`` for a wrong station, a generator that is none, and a scene with a label "mixed".
+    Raises ``ValueError`` for a wrong station, a generator that is none, and a scene with a label
+    "mixed".
 
     >>> from analysis.scanner import LEICA_C10
     >>> from studies.simulation.scenes import Sphere
@@ -196,22 +220,34 @@ def scan(scene: Scene, grid: AngularGrid, scanner: Scanner, generator: np.random
     (214, 3)
     """
     if not isinstance(generator, np.random.Generator):
-        raise ValueError(f"generator: expected a numpy.random.Generator, got {type(generator).__name__}")
+        raise ValueError(
+            f"generator: expected a numpy.random.Generator, got {type(generator).__name__}"
+        )
     if MIXED in scene.labels:
-        raise ValueError(f"scene: expected labels other than {MIXED!r}, which is that of mixed pixels; got {', '.join(scene.labels)}")
+        raise ValueError(
+            f"scene: expected labels other than {MIXED!r}, which is that of mixed pixels; got {', '.join(scene.labels)}"
+        )
     station = vector(station, "station")
     parts = [_cast(scene, scanner, station, grid.beams(part)) for part in pieces(len(grid), CAST)]
-    cast = Scan(scanner, station, scene.labels + (MIXED,), *(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    cast = Scan(
+        scanner,
+        station,
+        scene.labels + (MIXED,),
+        *(np.concatenate(arrays) for arrays in zip(*parts, strict=True)),
+    )
     for part in pieces(len(cast)):
-        cast.points[part] += _errors(cast[part], generator.standard_normal((part.stop - part.start, 3)))
+        cast.points[part] += _errors(
+            cast[part], generator.standard_normal((part.stop - part.start, 3))
+        )
     return cast
 
 
 def redraw(scan: Scan, n_trials: int, seed: int) -> np.ndarray:
     """Repeat the noise of a scan: the same beams on the same scene, measured again and again.
 
-    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the number of trials
-    grows. Mixed pixels keep the mixture that scene and beam give them, and get noise as all points do.
+    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the
+    number of trials grows. Mixed pixels keep the mixture that scene and beam give them, and get
+    noise as all points do.
 
     Parameters
     ----------
@@ -235,7 +271,12 @@ def redraw(scan: Scan, n_trials: int, seed: int) -> np.ndarray:
     roots = _roots(scan)
     redraws = np.empty((n_trials,) + scan.points.shape)
     for points, child in zip(redraws, np.random.SeedSequence(seed).spawn(n_trials), strict=True):
-        np.einsum("nij,nj->ni", roots, np.random.default_rng(child).standard_normal(points.shape), out=points)
+        np.einsum(
+            "nij,nj->ni",
+            roots,
+            np.random.default_rng(child).standard_normal(points.shape),
+            out=points,
+        )
     redraws += scan.true_points
     return redraws
 
@@ -243,14 +284,16 @@ def redraw(scan: Scan, n_trials: int, seed: int) -> np.ndarray:
 def _roots(scan: Scan) -> np.ndarray:
     """(n, 3, 3) roots of the points' true cofactors.
 
-    An error across the beam is laid in its tangent plane. The sphere of constant range is left by ρσ²/2 with that,
-    10⁻⁸ m at 6 m and 60 µrad.
+    An error across the beam is laid in its tangent plane. The sphere of constant range is left by
+    ρσ²/2 with that, 10⁻⁸ m at 6 m and 60 µrad.
     """
     return scan.scanner.roots(scan.beams, scan.true_ranges, scan.cosines)
 
 
 def _errors(scan: Scan, numbers: np.ndarray) -> np.ndarray:
-    """(n, 3) errors of points in m from standard normal numbers (n, 3): along the beam, horizontal, upwards."""
+    """(n, 3) errors of points in m from standard normal numbers (n, 3): along the beam, horizontal,
+    upwards.
+    """
     return np.einsum("nij,nj->ni", _roots(scan), numbers)
 
 
@@ -258,8 +301,12 @@ def _steps(window: tuple[float, float], step: float) -> int:
     return int(np.floor((window[1] - window[0]) / step + 1e-9)) + 1
 
 
-def _cast(scene: Scene, scanner: Scanner, station: np.ndarray, beams: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The arrays of a :class:`Scan` of some beams (k, 3), without noise; one element a beam that comes back."""
+def _cast(
+    scene: Scene, scanner: Scanner, station: np.ndarray, beams: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """The arrays of a :class:`Scan` of some beams (k, 3), without noise; one element a beam that
+    comes back.
+    """
     ranges, hit = scene.first_hit(station, beams)
     met = hit >= 0
     beams, ranges, hit = beams[met], ranges[met], hit[met]
@@ -267,24 +314,40 @@ def _cast(scene: Scene, scanner: Scanner, station: np.ndarray, beams: np.ndarray
     slopes = dot(beams, normals)
     normals *= -np.sign(slopes)[:, None]
     cosines = np.abs(slopes)
-    codes = np.array([scene.labels.index(label) for label, _ in scene.surfaces], dtype=np.int16)[hit]
+    codes = np.array([scene.labels.index(label) for label, _ in scene.surfaces], dtype=np.int16)[
+        hit
+    ]
     if scanner.beam_diameter > 0 or scanner.beam_divergence > 0:
         mixed = _covers_two_ranges(scene, scanner, station, beams, ranges, normals)
         ranges[mixed], cosines[mixed] = _mixture(scene, scanner, station, beams[mixed])
         codes[mixed] = len(scene.labels)
-    back = (cosines >= np.cos(scanner.max_incidence)) & (ranges >= scanner.min_range) & (ranges <= scanner.max_range)
+    back = (
+        (cosines >= np.cos(scanner.max_incidence))
+        & (ranges >= scanner.min_range)
+        & (ranges <= scanner.max_range)
+    )
     beams, ranges = beams[back], ranges[back]
-    return station + ranges[:, None] * beams, codes[back], beams, ranges, cosines[back], normals[back]
+    return (
+        station + ranges[:, None] * beams,
+        codes[back],
+        beams,
+        ranges,
+        cosines[back],
+        normals[back],
+    )
 
 
 def _covers_two_ranges(scene, scanner, station, beams, ranges, normals) -> np.ndarray:
-    """(k,) bool: a ray at the rim of the footprint ends elsewhere than on the surface that the centre meets.
+    """(k,) bool: a ray at the rim of the footprint ends elsewhere than on the surface that the
+    centre meets.
 
-    That surface is taken as its tangent plane; elsewhere is farther from it along the ray than the beam is wide.
+    That surface is taken as its tangent plane; elsewhere is farther from it along the ray than the
+    beam is wide.
     """
     origins, directions = footprint_rays(scanner, station, beams, disc_pattern(1)[1:])
     rim, _ = scene.first_hit(origins, directions)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a ray along the plane meets it nowhere: infinite, so elsewhere
+    # a ray along the plane meets it nowhere: infinite, so elsewhere
+    with np.errstate(divide="ignore", invalid="ignore"):
         feet = station + ranges[:, None] * beams
         plane = dot(feet - origins, normals) / dot(directions, normals)
         width = scanner.beam_diameter + scanner.beam_divergence * ranges
@@ -292,7 +355,9 @@ def _covers_two_ranges(scene, scanner, station, beams, ranges, normals) -> np.nd
 
 
 def _mixture(scene, scanner, station, beams) -> tuple[np.ndarray, np.ndarray]:
-    """Ranges (k,) that beams over an edge record, and the mean cosines of incidence in their footprints."""
+    """Ranges (k,) that beams over an edge record, and the mean cosines of incidence in their
+    footprints.
+    """
     ranges, cosines = np.empty(len(beams)), np.empty(len(beams))
     pattern = disc_pattern(RINGS)
     gauss = np.exp(-2.0 * np.sum(pattern**2, axis=-1))[:, None]
@@ -311,7 +376,9 @@ def _mixture(scene, scanner, station, beams) -> tuple[np.ndarray, np.ndarray]:
 
 
 def footprint_rays(scanner: Scanner, station, beams, pattern) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and unit directions (s, k, 3) of the rays of each beam (k, 3) that cross it at the ``pattern`` (s, 2)."""
+    """Origins and unit directions (s, k, 3) of the rays of each beam (k, 3) that cross it at the
+    ``pattern`` (s, 2).
+    """
     horizontal, upwards = across(beams)
     aside = pattern[:, 0, None, None] * horizontal + pattern[:, 1, None, None] * upwards
     directions = beams + 0.5 * scanner.beam_divergence * aside
@@ -320,7 +387,9 @@ def footprint_rays(scanner: Scanner, station, beams, pattern) -> tuple[np.ndarra
 
 
 def disc_pattern(rings: int) -> np.ndarray:
-    """(1 + 3·rings·(rings + 1), 2) points spread evenly over the unit disc: the centre, then rings of 6, 12, … points."""
+    """(1 + 3·rings·(rings + 1), 2) points spread evenly over the unit disc: the centre, then rings
+    of 6, 12, … points.
+    """
     points = [np.zeros((1, 2))]
     for ring in range(1, rings + 1):
         angles = 2 * np.pi * np.arange(6 * ring) / (6 * ring)

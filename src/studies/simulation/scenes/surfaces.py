@@ -1,8 +1,9 @@
 """Surfaces that a beam can hit, and scenes made of them.
 
-A surface has two methods: ``intersect(origins, directions)`` gives the range at which each ray first meets it,
-``normals(points)`` a unit normal at each of its points. Whatever has both can stand in a :class:`Scene`. Rays start
-at ``origins`` (…, 3) and run along unit vectors ``directions`` (…, 3); they meet what lies before them only.
+A surface has two methods: ``intersect(origins, directions)`` gives the range at which each ray
+first meets it, ``normals(points)`` a unit normal at each of its points. Whatever has both can stand
+in a :class:`Scene`. Rays start at ``origins`` (…, 3) and run along unit vectors ``directions`` (…,
+3); they meet what lies before them only.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from analysis.scanner import vector
 class Surface(Protocol):
     """What a scene is made of."""
 
-    def intersect(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray: ...  # ranges (…), inf where none
+    # ranges (…), inf where none
+    def intersect(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray: ...
 
     def normals(self, points: np.ndarray) -> np.ndarray: ...  # unit normals (…, 3), in either sense
 
@@ -43,7 +45,8 @@ class Sphere:
     def intersect(self, origins, directions):
         to_center = self.center - origins
         along = dot(to_center, directions)
-        # The ray's distance from the centre, not a difference of squares: far spheres keep their digits.
+        # The ray's distance from the centre, not a difference of squares: far spheres keep their
+        # digits.
         aside = along[..., None] * directions - to_center
         half_chord = np.sqrt(np.maximum(self.radius**2 - dot(aside, aside), 0.0))
         return np.where(half_chord > 0, _first(along - half_chord, along + half_chord), np.inf)
@@ -54,7 +57,8 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class Rectangle:
-    """Rectangle by its ``center`` (3,) and two perpendicular half sides, ``right`` and ``up`` (3,), in m.
+    """Rectangle by its ``center`` (3,) and two perpendicular half sides, ``right`` and ``up`` (3,),
+    in m.
 
     >>> wall = Rectangle((0.0, 5.0, 0.0), right=(2.0, 0.0, 0.0), up=(0.0, 0.0, 1.0))
     >>> wall.intersect(np.zeros(3), np.array([[0.0, 1.0, 0.0], [0.0, 0.6, 0.8]]))
@@ -78,7 +82,9 @@ class Rectangle:
     def intersect(self, origins, directions):
         ranges = _plane_ranges(self.center, self.normal, origins, directions)
         offsets = _at(origins, directions, ranges) - self.center
-        within = (np.abs(dot(offsets, self.right)) <= self.right @ self.right) & (np.abs(dot(offsets, self.up)) <= self.up @ self.up)
+        within = (np.abs(dot(offsets, self.right)) <= self.right @ self.right) & (
+            np.abs(dot(offsets, self.up)) <= self.up @ self.up
+        )
         return np.where(within, ranges, np.inf)
 
     def normals(self, points):
@@ -99,7 +105,12 @@ class Disc:
 
     def __post_init__(self):
         axis = _unit(_with_length(self.axis, "axis"))
-        _set(self, center=vector(self.center, "center"), axis=axis, radius=positive(self.radius, "radius"))
+        _set(
+            self,
+            center=vector(self.center, "center"),
+            axis=axis,
+            radius=positive(self.radius, "radius"),
+        )
 
     def intersect(self, origins, directions):
         ranges = _plane_ranges(self.center, self.axis, origins, directions)
@@ -112,7 +123,8 @@ class Disc:
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """Open tube from ``start`` to ``end`` (3,) with ``radius``, in m: a pole, a cable, a pipe; discs can close it.
+    """Open tube from ``start`` to ``end`` (3,) with ``radius``, in m: a pole, a cable, a pipe;
+    discs can close it.
 
     >>> pole = Cylinder((0.0, 5.0, -1.0), (0.0, 5.0, 1.0), 0.5)
     >>> pole.intersect(np.zeros(3), np.array([[0.0, 1.0, 0.0], [0.0, 0.6, 0.8]]))
@@ -136,13 +148,16 @@ class Cylinder:
     def intersect(self, origins, directions):
         axis, length = self.axis, np.linalg.norm(self.end - self.start)
         to_start = self.start - origins
-        heights, slopes = -dot(to_start, axis), dot(directions, axis)  # along the axis: of the origin, and a m of range
+        # along the axis: of the origin, and a m of range
+        heights, slopes = -dot(to_start, axis), dot(directions, axis)
         common = np.cross(directions, axis)  # perpendicular to ray and axis
         squares = dot(common, common)
         oblique = squares > 1e-24  # a ray along the axis meets no wall
         squares = np.where(oblique, squares, 1.0)
         nearest = (dot(to_start, directions) + heights * slopes) / squares
-        half_chord = np.sqrt(np.maximum(self.radius**2 - dot(to_start, common) ** 2 / squares, 0.0) / squares)
+        half_chord = np.sqrt(
+            np.maximum(self.radius**2 - dot(to_start, common) ** 2 / squares, 0.0) / squares
+        )
         hits = []
         for ranges in (nearest - half_chord, nearest + half_chord):
             height = heights + ranges * slopes
@@ -173,8 +188,12 @@ class Scene:
         if not surfaces:
             raise ValueError("surfaces: expected at least one pair (label, surface), got none")
         for label, surface in surfaces:
-            if not isinstance(label, str) or not (hasattr(surface, "intersect") and hasattr(surface, "normals")):
-                raise ValueError(f"surfaces: expected pairs (text, surface), got ({label!r}, {type(surface).__name__})")
+            if not isinstance(label, str) or not (
+                hasattr(surface, "intersect") and hasattr(surface, "normals")
+            ):
+                raise ValueError(
+                    f"surfaces: expected pairs (text, surface), got ({label!r}, {type(surface).__name__})"
+                )
         object.__setattr__(self, "surfaces", surfaces)
 
     @property
@@ -182,8 +201,12 @@ class Scene:
         """The different labels in the order of the surfaces."""
         return tuple(dict.fromkeys(label for label, _ in self.surfaces))
 
-    def first_hit(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Range (…) of the nearest surface along each ray and its place in ``surfaces``; inf and −1 where there is none."""
+    def first_hit(
+        self, origins: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Range (…) of the nearest surface along each ray and its place in ``surfaces``; inf and −1
+        where there is none.
+        """
         nearest = np.full(np.broadcast_shapes(origins.shape, directions.shape)[:-1], np.inf)
         hit = np.full(nearest.shape, -1)
         for place, (_, surface) in enumerate(self.surfaces):
@@ -223,12 +246,16 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar products (…) of vectors (…, 3); by components, which is fastest for arrays that hold one coordinate after the other."""
+    """Scalar products (…) of vectors (…, 3); by components, which is fastest for arrays that hold
+    one coordinate after the other.
+    """
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def _at(origins, directions, ranges) -> np.ndarray:
-    """Points at the ranges; where a range is infinite the point is too far for anything, yet finite."""
+    """Points at the ranges; where a range is infinite the point is too far for anything, yet
+    finite.
+    """
     return origins + np.where(np.isfinite(ranges), ranges, 1e100)[..., None] * directions
 
 

@@ -22,29 +22,35 @@ def sphere_target_scene(
     wall_distance: float = 0.12,
     station=(0.0, 0.0, 0.0),
 ) -> Scene:
-    """A sphere on a vertical rod, before a vertical wall that faces the station; labels sphere, mount, wall.
+    """A sphere on a vertical rod, before a vertical wall that faces the station; labels sphere,
+    mount, wall.
 
     Parameters
     ----------
     center, radius : of the sphere, (3,) and m.
     mount_radius, mount_length : of the rod below the sphere, m (assumed: 12 mm, 0.3 m).
-    wall_distance : m, of the wall behind the centre of the sphere, along the horizontal line of sight; more than the
-        radius (assumed: 0.12 m. In a cut-out of twice the radius about 40 % of the points are then not of a sphere
-        of table 3, as in real scans of targets, where it is 35 to 45 %).
+    wall_distance : m, of the wall behind the centre of the sphere, along the horizontal line of
+        sight; more than the radius (assumed: 0.12 m. In a cut-out of twice the radius about 40 % of
+        the points are then not of a sphere of table 3, as in real scans of targets, where it is 35
+        to 45 %).
     station : (3,) of the scanner, m.
 
-    Raises ``ValueError`` for lengths that are not positive, a wall through the sphere, and a sphere above or below
-    the station, for which there is no horizontal line of sight.
+    Raises ``ValueError`` for lengths that are not positive, a wall through the sphere, and a sphere
+    above or below the station, for which there is no horizontal line of sight.
 
     >>> sphere_target_scene((0.0063, 5.8454, -1.6357), 0.0725).labels
     ('sphere', 'mount', 'wall')
     """
     center, radius = vector(center, "center"), positive(radius, "radius")
     if not positive(wall_distance, "wall_distance") > radius:
-        raise ValueError(f"wall_distance: expected more than the radius of {radius:g} m, got {wall_distance:g}")
+        raise ValueError(
+            f"wall_distance: expected more than the radius of {radius:g} m, got {wall_distance:g}"
+        )
     sight = (center - vector(station, "station")) * (1.0, 1.0, 0.0)
     if not np.linalg.norm(sight) > radius:
-        raise ValueError(f"center: expected a sphere beside the vertical axis of the station, got {center}")
+        raise ValueError(
+            f"center: expected a sphere beside the vertical axis of the station, got {center}"
+        )
     sight /= np.linalg.norm(sight)
     down = np.array([0.0, 0.0, -1.0])
     foot = center + (radius + positive(mount_length, "mount_length")) * down
@@ -53,7 +59,14 @@ def sphere_target_scene(
             ("sphere", Sphere(center, radius)),
             # The rod begins inside the sphere, so that no gap is left between the two.
             ("mount", Cylinder(center, foot, positive(mount_radius, "mount_radius"))),
-            ("wall", Rectangle(center + wall_distance * sight, right=WALL * np.cross(sight, down), up=-WALL * down)),
+            (
+                "wall",
+                Rectangle(
+                    center + wall_distance * sight,
+                    right=WALL * np.cross(sight, down),
+                    up=-WALL * down,
+                ),
+            ),
         ]
     )
 
@@ -71,9 +84,10 @@ def scan_sphere_target(
 ) -> Scan:
     """Scan a sphere target and cut it out as a user does, by a ball around it.
 
-    The two spheres of Ou & Liu (2017, section 2.2, table 3) have a radius of 0.0725 m and centres near
-    (0.0063, 5.8454, −1.6357) and (1.3963, 3.7694, −1.6247) m in the frame of the scanner, a Leica ScanStation C10.
-    What is not printed and assumed here: the step, what stands around the spheres, and how they were cut out.
+    The two spheres of Ou & Liu (2017, section 2.2, table 3) have a radius of 0.0725 m and centres
+    near (0.0063, 5.8454, −1.6357) and (1.3963, 3.7694, −1.6247) m in the frame of the scanner, a
+    Leica ScanStation C10. What is not printed and assumed here: the step, what stands around the
+    spheres, and how they were cut out.
 
     Parameters
     ----------
@@ -81,8 +95,8 @@ def scan_sphere_target(
     generator : source of the noise.
     scanner : the instrument.
     step : rad, of the angular grid; 0.1 m at 100 m, about 450 points on a sphere of table 3 at 6 m.
-    cut : radius of the ball, in radii of the sphere. It is applied to the points without noise, so every
-        redraw has the same points.
+    cut : radius of the ball, in radii of the sphere. It is applied to the points without noise, so
+        every redraw has the same points.
     station : (3,) of the scanner, m.
     scene_options : keywords of :func:`sphere_target_scene`.
 

@@ -1,4 +1,5 @@
-"""The campaign of Li et al. (2015), simulated, because their scans are not published: a tunnel whose truth is known.
+"""The campaign of Li et al. (2015), simulated, because their scans are not published: a tunnel
+whose truth is known.
 
     alignment    the design axis and coordinates along and across it
     deformation  what happens between the epochs
@@ -9,16 +10,38 @@
     campaign     stations, targets, control net, stickers, scans
     slab         one section alone, again and again with new noise
 
-Engineering coordinates in m: Z up, Y along the tunnel, X to the right. Polar angles in rad: 0 at the crown, positive
-to the right, looking along the tunnel.
+Engineering coordinates in m: Z up, Y along the tunnel, X to the right. Polar angles in rad: 0 at
+the crown, positive to the right, looking along the tunnel.
 """
 
 from .alignment import Alignment
-from .campaign import FULL_DENSITY, SEED, Campaign, Epoch, Pose, Setup, Station, Stickers, Targets, campaign, scan_station, survey
+from .campaign import (
+    FULL_DENSITY,
+    SEED,
+    Campaign,
+    Epoch,
+    Pose,
+    Setup,
+    Station,
+    Stickers,
+    Targets,
+    campaign,
+    scan_station,
+    survey,
+)
 from .deformation import QUIET_ZONE
 from .lining import EPOCHS, Lining
 from .slab import SectionScan, section_points, section_scan
-from .tunnel import ATTACHMENTS, CODES, FLAGGED_SECTIONS, NAMES, SECTIONS, ZONE, Tunnel, default_tunnel
+from .tunnel import (
+    ATTACHMENTS,
+    CODES,
+    FLAGGED_SECTIONS,
+    NAMES,
+    SECTIONS,
+    ZONE,
+    Tunnel,
+    default_tunnel,
+)
 
 __all__ = [
     "ATTACHMENTS",

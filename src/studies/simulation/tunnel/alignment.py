@@ -1,12 +1,15 @@
 """The design axis of the tunnel, and coordinates along and across it.
 
-The axis is a circle in plan with a constant grade, so that its chainage is its arc length. Engineering coordinates:
-Z up, Y along the tunnel, X to the right. At chainage s the axis has the unit tangent t and the section frame
+The axis is a circle in plan with a constant grade, so that its chainage is its arc length.
+Engineering coordinates:
+Z up, Y along the tunnel, X to the right. At chainage s the axis has the unit tangent t and the
+section frame
 
     e_v = (e_Z − t (tᵀe_Z))/|·|  upwards,    e_u = t × e_v  to the right,
 
-and a point P, whose foot on the axis is C(s), has the section coordinates u = e_uᵀ(P − C), v = e_vᵀ(P − C), or in
-polar form ρ = √(u² + v²), α = atan2(u, v): 0 at the crown, positive to the right.
+and a point P, whose foot on the axis is C(s), has the section coordinates u = e_uᵀ(P − C), v =
+e_vᵀ(P − C), or in polar form ρ = √(u² + v²), α = atan2(u, v): 0 at the crown, positive to the
+right.
 """
 
 from __future__ import annotations
@@ -19,7 +22,8 @@ from analysis.checks import finite_array, positive
 
 
 def from_nearest(value, period: float) -> np.ndarray:
-    """Signed distance of a value from the nearest multiple of the period; with 2π, an angle from −π to π.
+    """Signed distance of a value from the nearest multiple of the period; with 2π, an angle from −π
+    to π.
 
     >>> from_nearest(np.array([0.1, 1.1, 1.3]), 1.2)
     array([ 0.1, -0.1,  0.1])
@@ -71,7 +75,12 @@ class Alignment:
         """(…, 3) points of the axis, m."""
         heading = self.heading(chainage)
         x = self.radius * (1 - np.cos(heading))
-        return np.stack([x, self.radius * np.sin(heading), self.grade * self.radius * heading], axis=-1) + self.middle
+        return (
+            np.stack(
+                [x, self.radius * np.sin(heading), self.grade * self.radius * heading], axis=-1
+            )
+            + self.middle
+        )
 
     def frame(self, chainage) -> np.ndarray:
         """(…, 3, 3) unit vectors e_u (right), t (along) and e_v (up), one a row.
@@ -97,7 +106,11 @@ class Alignment:
         """(…, 3) engineering coordinates of section coordinates, m."""
         chainage, u, v = np.broadcast_arrays(chainage, u, v)
         frame = self.frame(chainage)
-        return self.position(chainage) + u[..., None] * frame[..., 0, :] + v[..., None] * frame[..., 2, :]
+        return (
+            self.position(chainage)
+            + u[..., None] * frame[..., 0, :]
+            + v[..., None] * frame[..., 2, :]
+        )
 
     def polar_points(self, chainage, alpha, rho) -> np.ndarray:
         """(…, 3) engineering coordinates of chainage, polar angle (rad) and radius."""
@@ -106,8 +119,9 @@ class Alignment:
     def section_coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Chainage of the foot point, u and v (…) of points (…, 3), m.
 
-        In the polar coordinates of the curve in plan, (r, φ), the foot point has the heading θ that solves
-        r sin(φ − θ) = −tan β (z − z_C(θ)). The difference φ − θ is so small that two terms of the sine will do.
+        In the polar coordinates of the curve in plan, (r, φ), the foot point has the heading θ that
+        solves r sin(φ − θ) = −tan β (z − z_C(θ)). The difference φ − θ is so small that two terms
+        of the sine will do.
 
         >>> axis = Alignment()
         >>> np.round(axis.section_coordinates(axis.points(20.0, 1.0, -2.0)), 9)
@@ -118,7 +132,8 @@ class Alignment:
         height = z - self.grade * self.radius * phi
         rate = r + self.grade**2 * self.radius
         turn = -self.grade * height / rate  # φ − θ: of the order of grade · ρ / radius
-        turn += r * turn**3 / (6 * rate)  # the next term of the sine; what is left of it is below 1e-15
+        # the next term of the sine; what is left of it is below 1e-15
+        turn += r * turn**3 / (6 * rate)
         height += self.grade * self.radius * turn
         chainage = 0.5 * self.length + self.radius * (phi - turn) / np.cos(self.slope)
         u = self.radius - r * (1 - 0.5 * turn**2)

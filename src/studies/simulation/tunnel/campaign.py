@@ -1,18 +1,21 @@
-"""The campaign: where the scanner stands in both epochs, what is measured beside the scans, and the scans.
+"""The campaign: where the scanner stands in both epochs, what is measured beside the scans, and the
+scans.
 
-From Li et al. (2015, section 4.1 and 4.2.1): 130 m of tunnel, six stations in the first epoch and four in the second,
-4.5 million points a station, targets measured by scanner and total station, stickers on the lining as a check, a Riegl
-VZ-400. Five targets in the first epoch and four in the second is what they print for the epoch; here every station
-has as many, because the registration of a station needs at least three.
+From Li et al. (2015, section 4.1 and 4.2.1): 130 m of tunnel, six stations in the first epoch and
+four in the second, 4.5 million points a station, targets measured by scanner and total station,
+stickers on the lining as a check, a Riegl VZ-400. Five targets in the first epoch and four in the
+second is what they print for the epoch; here every station has as many, because the registration of
+a station needs at least three.
 
-Assumed, because it is not printed: where the stations are, chosen so that no section lies in the part of the crown
-that the scanner cannot see; the net of control points, on consoles and marks that do not move, whose errors of 1 mm a
-coordinate are the same in both epochs; 1.5 mm a coordinate for a target found in a scan; 1 mm and 1″ for the total
-station; the scanner's window from 40° below to 60° above the horizon; a scanner levelled to 20″ that looks along the
-tunnel within 10°.
+Assumed, because it is not printed: where the stations are, chosen so that no section lies in the
+part of the crown that the scanner cannot see; the net of control points, on consoles and marks that
+do not move, whose errors of 1 mm a coordinate are the same in both epochs; 1.5 mm a coordinate for
+a target found in a scan; 1 mm and 1″ for the total station; the scanner's window from 40° below to
+60° above the horizon; a scanner levelled to 20″ that looks along the tunnel within 10°.
 
-Each scan is in the frame of its instrument: origin where the laser leaves it, Z up, Y roughly along the tunnel, X to
-the right. The pose of a station is stored as truth; an analysis finds it from the targets.
+Each scan is in the frame of its instrument: origin where the laser leaves it, Z up, Y roughly along
+the tunnel, X to the right. The pose of a station is stored as truth; an analysis finds it from the
+targets.
 """
 
 from __future__ import annotations
@@ -33,7 +36,8 @@ from .tunnel import NAMES, SECTIONS, Tunnel, default_tunnel
 
 SEED = 2015  # of the tunnel study
 FULL_DENSITY = 4_500_000  # beams a station
-STATIONS = ((8.0, 30.0, 50.0, 72.0, 98.0, 120.0), (20.0, 52.0, 72.0, 108.0))  # chainages by epoch, m
+# chainages by epoch, m
+STATIONS = ((8.0, 30.0, 50.0, 72.0, 98.0, 120.0), (20.0, 52.0, 72.0, 108.0))
 TARGETS = (5, 4)  # a station, by epoch
 ELEVATION = (np.deg2rad(-40.0), np.deg2rad(60.0))
 INSTRUMENT_HEIGHT = 1.6  # m above the track bed
@@ -42,18 +46,24 @@ HEADING = np.deg2rad(10.0)  # largest deviation of the Y axis from the tunnel
 LEVELLING_SD = 20 * ARC_SECOND
 NET_SD = 0.001  # m a coordinate, of the control points
 TARGET_SD = 0.0015  # m a coordinate, of a target or a sticker found in a scan
-TOTAL_STATION = Scanner("total station", range_sd=0.001, angle_sd=ARC_SECOND, incidence_exponent=0.0)
+TOTAL_STATION = Scanner(
+    "total station", range_sd=0.001, angle_sd=ARC_SECOND, incidence_exponent=0.0
+)
 TOTAL_STATION_AT = (20.0, 65.0, 110.0)  # chainages, m
 CONTROL_SPACING = 5.0  # m, between pairs of control points
-CONTROL_PAIRS = (((-2.1, 0.9), (1.3, -1.8)), ((-1.3, -1.8), (2.1, 0.6)))  # (u, v) in m, in turn along the tunnel
+# (u, v) in m, in turn along the tunnel
+CONTROL_PAIRS = (((-2.1, 0.9), (1.3, -1.8)), ((-1.3, -1.8), (2.1, 0.6)))
 BEST_TARGET_DISTANCE = 10.0  # m: near enough to be found, far enough to hold the heading
 STICKERS = tuple(np.deg2rad((-60.0, -25.0, 25.0, 60.0, 100.0)))  # polar angles in every section
-STICKER_COSINE = np.cos(np.deg2rad(83.0))  # of the incidence angle, below which a sticker is not found
+# of the incidence angle, below which a sticker is not found
+STICKER_COSINE = np.cos(np.deg2rad(83.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where an instrument stands: engineering coordinates = ``position`` + ``rotation`` · instrument coordinates."""
+    """Where an instrument stands: engineering coordinates = ``position`` + ``rotation`` ·
+    instrument coordinates.
+    """
 
     rotation: np.ndarray
     position: np.ndarray
@@ -102,7 +112,9 @@ class Stickers:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A station before its scan: epoch, chainage in m, pose (truth), targets, and the seed of its noise."""
+    """A station before its scan: epoch, chainage in m, pose (truth), targets, and the seed of its
+    noise.
+    """
 
     epoch: int
     chainage: float
@@ -137,7 +149,9 @@ class Station:
 
     def __repr__(self) -> str:
         counts = np.bincount(self.codes, minlength=len(NAMES))
-        kinds = ", ".join(f"{count} {name}" for name, count in zip(NAMES, counts, strict=True) if count)
+        kinds = ", ".join(
+            f"{count} {name}" for name, count in zip(NAMES, counts, strict=True) if count
+        )
         return f"Station(epoch {self.setup.epoch}, chainage {self.setup.chainage:g} m, {len(self)} points: {kinds})"
 
 
@@ -158,13 +172,21 @@ class Campaign:
     epochs: tuple[Epoch, Epoch]
 
 
-def campaign(density: float = FULL_DENSITY, seed: int = SEED, *, tunnel: Tunnel | None = None, scanner: Scanner = RIEGL_VZ400) -> Campaign:
+def campaign(
+    density: float = FULL_DENSITY,
+    seed: int = SEED,
+    *,
+    tunnel: Tunnel | None = None,
+    scanner: Scanner = RIEGL_VZ400,
+) -> Campaign:
     """The whole campaign.
 
     Parameters
     ----------
-    density : beams a station, over 360° × 100°; 4.5 million are steps of 0.089°. Nine in ten or more come back.
-    seed : of the study: poses, net, targets, stickers and noise. Poses, targets and stickers do not hang on the density.
+    density : beams a station, over 360° × 100°; 4.5 million are steps of 0.089°. Nine in ten or
+        more come back.
+    seed : of the study: poses, net, targets, stickers and noise. Poses, targets and stickers do not
+        hang on the density.
     tunnel : what is scanned; default :func:`default_tunnel`.
     scanner : the instrument.
 
@@ -179,7 +201,11 @@ def campaign(density: float = FULL_DENSITY, seed: int = SEED, *, tunnel: Tunnel 
     return Campaign(
         tunnel,
         tuple(
-            Epoch(epoch.number, tuple(scan_station(tunnel, setup, density, scanner) for setup in epoch.stations), epoch.stickers)
+            Epoch(
+                epoch.number,
+                tuple(scan_station(tunnel, setup, density, scanner) for setup in epoch.stations),
+                epoch.stickers,
+            )
             for epoch in epochs
         ),
     )
@@ -188,22 +214,31 @@ def campaign(density: float = FULL_DENSITY, seed: int = SEED, *, tunnel: Tunnel 
 def survey(tunnel: Tunnel, seed: int = SEED, scanner: Scanner = RIEGL_VZ400) -> tuple[Epoch, Epoch]:
     """Everything but the scans: both epochs with the set-ups of their stations.
 
-    With :func:`scan_station` this scans a campaign station by station, so that one is in memory at a time.
+    With :func:`scan_station` this scans a campaign station by station, so that one is in memory at
+    a time.
     """
-    net, *generators = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3))
+    net, *generators = (
+        np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
+    )
     names, control = _control_points(tunnel)
     measured = control + NET_SD * net.standard_normal(control.shape)
     epochs = []
     for number, generator in zip((1, 2), generators, strict=True):
-        setups = tuple(_setup(tunnel, number, chainage, names, control, measured, scanner, generator) for chainage in STATIONS[number - 1])
+        setups = tuple(
+            _setup(tunnel, number, chainage, names, control, measured, scanner, generator)
+            for chainage in STATIONS[number - 1]
+        )
         epochs.append(Epoch(number, setups, _stickers(tunnel, number, setups, scanner, generator)))
     return tuple(epochs)
 
 
-def scan_station(tunnel: Tunnel, setup: Setup, density: float = FULL_DENSITY, scanner: Scanner = RIEGL_VZ400) -> Station:
+def scan_station(
+    tunnel: Tunnel, setup: Setup, density: float = FULL_DENSITY, scanner: Scanner = RIEGL_VZ400
+) -> Station:
     """Scan one station.
 
-    The time is proportional to the density; beams are cast in blocks, so beyond the result the memory does not grow.
+    The time is proportional to the density; beams are cast in blocks, so beyond the result the
+    memory does not grow.
 
     >>> tunnel = default_tunnel()
     >>> setup = survey(tunnel)[0].stations[2]
@@ -215,7 +250,11 @@ def scan_station(tunnel: Tunnel, setup: Setup, density: float = FULL_DENSITY, sc
     points, codes = [], []
     for part in pieces(len(grid), BLOCK):
         beams, ranges, cosines, kinds = cast_beams(tunnel, setup, scanner, grid.beams(part))
-        errors = np.einsum("nij,nj->ni", scanner.roots(beams, ranges, cosines), generator.standard_normal(beams.shape))
+        errors = np.einsum(
+            "nij,nj->ni",
+            scanner.roots(beams, ranges, cosines),
+            generator.standard_normal(beams.shape),
+        )
         points.append(ranges[:, None] * beams + errors)
         codes.append(kinds.astype(np.uint8))
     return Station(setup, np.concatenate(points), np.concatenate(codes))
@@ -233,9 +272,15 @@ def station_grid(density: float) -> AngularGrid:
     return AngularGrid((-np.pi, np.pi), ELEVATION, step)
 
 
-def cast_beams(tunnel: Tunnel, setup: Setup, scanner: Scanner, beams: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Beams (k, 3) in the frame of the instrument that come back: directions (m, 3), ranges, cosines and codes (m,), without noise."""
-    back, ranges, cosines, codes = cast(tunnel, setup.epoch, scanner, setup.pose.position, beams @ setup.pose.rotation.T)
+def cast_beams(
+    tunnel: Tunnel, setup: Setup, scanner: Scanner, beams: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Beams (k, 3) in the frame of the instrument that come back: directions (m, 3), ranges,
+    cosines and codes (m,), without noise.
+    """
+    back, ranges, cosines, codes = cast(
+        tunnel, setup.epoch, scanner, setup.pose.position, beams @ setup.pose.rotation.T
+    )
     return beams[back], ranges, cosines, codes
 
 
@@ -246,7 +291,9 @@ def _setup(tunnel, epoch, chainage, names, control, measured, scanner, generator
     pose = _pose(tunnel, chainage, generator)
     seen = np.flatnonzero(_sees(tunnel, epoch, pose, control, scanner, 0.0))
     distances = np.linalg.norm(control[seen] - pose.position, axis=-1)
-    chosen = np.sort(seen[np.argsort(np.abs(distances - BEST_TARGET_DISTANCE))[: TARGETS[epoch - 1]]])
+    chosen = np.sort(
+        seen[np.argsort(np.abs(distances - BEST_TARGET_DISTANCE))[: TARGETS[epoch - 1]]]
+    )
     true = control[chosen]
     scanned = pose.to_instrument(true) + TARGET_SD * generator.standard_normal(true.shape)
     targets = Targets(tuple(names[index] for index in chosen), measured[chosen], scanned, true)
@@ -258,20 +305,33 @@ def _pose(tunnel: Tunnel, chainage: float, generator: np.random.Generator) -> Po
     turn = tunnel.alignment.heading(chainage) + generator.uniform(-HEADING, HEADING)
     tilt = LEVELLING_SD * generator.standard_normal(2)
     rotation = Rotation.from_rotvec([0.0, 0.0, -turn]) * Rotation.from_rotvec([*tilt, 0.0])
-    return Pose(rotation.as_matrix(), tunnel.alignment.points(chainage, u, tunnel.furniture.bed + INSTRUMENT_HEIGHT + v))
+    return Pose(
+        rotation.as_matrix(),
+        tunnel.alignment.points(chainage, u, tunnel.furniture.bed + INSTRUMENT_HEIGHT + v),
+    )
 
 
 def _control_points(tunnel: Tunnel) -> tuple[tuple[str, ...], np.ndarray]:
     chainages = np.arange(0.5 * CONTROL_SPACING, tunnel.alignment.length, CONTROL_SPACING)
-    points = [tunnel.alignment.points(chainage, *place) for number, chainage in enumerate(chainages) for place in CONTROL_PAIRS[number % 2]]
+    points = [
+        tunnel.alignment.points(chainage, *place)
+        for number, chainage in enumerate(chainages)
+        for place in CONTROL_PAIRS[number % 2]
+    ]
     return tuple(f"T{number:02d}" for number in range(1, len(points) + 1)), np.array(points)
 
 
-def _stickers(tunnel: Tunnel, epoch: int, setups, scanner: Scanner, generator: np.random.Generator) -> Stickers:
+def _stickers(
+    tunnel: Tunnel, epoch: int, setups, scanner: Scanner, generator: np.random.Generator
+) -> Stickers:
     chainage, alpha = (grid.ravel() for grid in np.meshgrid(SECTIONS, STICKERS, indexing="ij"))
-    true = tunnel.alignment.polar_points(chainage, alpha, tunnel.true_radius(alpha, chainage, epoch))
+    true = tunnel.alignment.polar_points(
+        chainage, alpha, tunnel.true_radius(alpha, chainage, epoch)
+    )
     distances = np.array([np.linalg.norm(true - setup.pose.position, axis=-1) for setup in setups])
-    seen = np.array([_sees(tunnel, epoch, setup.pose, true, scanner, STICKER_COSINE) for setup in setups])
+    seen = np.array(
+        [_sees(tunnel, epoch, setup.pose, true, scanner, STICKER_COSINE) for setup in setups]
+    )
     station = np.argmin(np.where(seen, distances, np.inf), axis=0)
     found = seen.any(axis=0)
     chainage, alpha, true, station = chainage[found], alpha[found], true[found], station[found]
@@ -282,9 +342,13 @@ def _stickers(tunnel: Tunnel, epoch: int, setups, scanner: Scanner, generator: n
     return Stickers(chainage, alpha, true, measured, station, scanned)
 
 
-def _total_station_errors(tunnel: Tunnel, true: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+def _total_station_errors(
+    tunnel: Tunnel, true: np.ndarray, generator: np.random.Generator
+) -> np.ndarray:
     """(m, 3) errors of points measured from the nearest set-up of the total station, m."""
-    stands = tunnel.alignment.points(np.array(TOTAL_STATION_AT), 0.0, tunnel.furniture.bed + INSTRUMENT_HEIGHT)
+    stands = tunnel.alignment.points(
+        np.array(TOTAL_STATION_AT), 0.0, tunnel.furniture.bed + INSTRUMENT_HEIGHT
+    )
     sights = true[:, None, :] - stands
     nearest = np.argmin(np.linalg.norm(sights, axis=-1), axis=1)
     sight = sights[np.arange(len(true)), nearest]
@@ -293,12 +357,23 @@ def _total_station_errors(tunnel: Tunnel, true: np.ndarray, generator: np.random
     return np.einsum("nij,nj->ni", roots, generator.standard_normal(true.shape))
 
 
-def _sees(tunnel: Tunnel, epoch: int, pose: Pose, points: np.ndarray, scanner: Scanner, least_cosine: float) -> np.ndarray:
-    """(m,) bool: nothing stands between the instrument and the points, and they are within its window."""
+def _sees(
+    tunnel: Tunnel,
+    epoch: int,
+    pose: Pose,
+    points: np.ndarray,
+    scanner: Scanner,
+    least_cosine: float,
+) -> np.ndarray:
+    """(m,) bool: nothing stands between the instrument and the points, and they are within its
+    window.
+    """
     sight = pose.to_instrument(points)
     distances = np.sqrt(dot(sight, sight))
     elevation = np.arcsin(sight[:, 2] / distances)
-    back, ranges, cosines, _ = cast(tunnel, epoch, scanner, pose.position, (points - pose.position) / distances[:, None])
+    back, ranges, cosines, _ = cast(
+        tunnel, epoch, scanner, pose.position, (points - pose.position) / distances[:, None]
+    )
     free = np.zeros(len(points), dtype=bool)
     free[back] = (ranges > distances[back] - 1e-6) & (cosines > least_cosine)
     return free & (elevation > ELEVATION[0]) & (elevation < ELEVATION[1])

@@ -1,11 +1,13 @@
 """Beams cast into the tunnel: the first thing each of them meets.
 
-The lining is found by Newton's method on ρ(t) = ρ_true(α(t), s(t)) along the beam, from the inside; the furniture
-between the station and the lining likewise, each piece only for the beams that can meet it. Casting knows no chance.
+The lining is found by Newton's method on ρ(t) = ρ_true(α(t), s(t)) along the beam, from the inside;
+the furniture between the station and the lining likewise, each piece only for the beams that can
+meet it. Casting knows no chance.
 
-As in :mod:`studies.simulation.scenes.scanning`, a footprint that covers two ranges gives a mixed pixel, with the mean range
-weighted by the power that comes back. Where it is looked for: at the edges of the furniture. Joints, pockets and
-steps between segments are about as wide as the beam and are met by its middle ray alone.
+As in :mod:`studies.simulation.scenes.scanning`, a footprint that covers two ranges gives a mixed
+pixel, with the mean range weighted by the power that comes back. Where it is looked for: at the
+edges of the furniture. Joints, pockets and steps between segments are about as wide as the beam and
+are met by its middle ray alone.
 """
 
 from __future__ import annotations
@@ -22,13 +24,15 @@ from .alignment import Alignment, from_nearest
 from .furniture import Catwalk, Person, Tube, WallBox
 from .tunnel import CODES, Tunnel
 
-MARGIN = 0.04  # m, by which the search stays before the design radius: more than ovality, steps and deformation
+# m, by which the search stays before the design radius: more than ovality, steps and deformation
+MARGIN = 0.04
 NODES = 0.5 * 1.15 ** np.arange(42)  # m along a beam, up to 154 m
 TOLERANCE = 1e-10  # m, of ρ − ρ_true
 MAX_STEPS = 12
 RINGS = 2  # of rays in the footprint of a mixed pixel, 19 rays
 TURN = 2 * np.pi
-NEAR = np.deg2rad(4.0)  # how far beside a piece of furniture on the lining a beam that meets it may end
+# how far beside a piece of furniture on the lining a beam that meets it may end
+NEAR = np.deg2rad(4.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +47,9 @@ class Rays:
         return Rays(self.alignment, self.origins[keep], self.directions[keep])
 
     def inside(self, places: Places) -> np.ndarray:
-        """(k,) bool: the places between both ends of the tunnel, beyond which there is nothing to meet."""
+        """(k,) bool: the places between both ends of the tunnel, beyond which there is nothing to
+        meet.
+        """
         return (places.chainage >= 0) & (places.chainage <= self.alignment.length)
 
     def at(self, ranges: np.ndarray) -> Places:
@@ -55,12 +61,22 @@ class Rays:
         x, y, z = self.directions.T
         level = x * sin + y * cos
         sin_b, cos_b = np.sin(axis.slope), np.cos(axis.slope)
-        return Places(ranges, chainage, u, v, x * cos - y * sin, level * cos_b + z * sin_b, z * cos_b - level * sin_b)
+        return Places(
+            ranges,
+            chainage,
+            u,
+            v,
+            x * cos - y * sin,
+            level * cos_b + z * sin_b,
+            z * cos_b - level * sin_b,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Points on rays: range, chainage, u, v in m, and the components of the directions to the right, along, and up."""
+    """Points on rays: range, chainage, u, v in m, and the components of the directions to the
+    right, along, and up.
+    """
 
     ranges: np.ndarray
     chainage: np.ndarray
@@ -91,8 +107,11 @@ class Places:
         """Component of the directions towards growing polar angle."""
         return (self.v * self.right - self.u * self.up) / self.rho
 
-    def to_circle(self, middle: tuple[float, float], radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """Ranges (k,) from here to both crossings of a circle in the section, as if the tunnel were straight.
+    def to_circle(
+        self, middle: tuple[float, float], radius: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Ranges (k,) from here to both crossings of a circle in the section, as if the tunnel were
+        straight.
 
         Where there is none both are that to the nearest point.
         """
@@ -115,13 +134,21 @@ class Hits:
         return Hits(self.ranges.copy(), self.codes.copy(), self.cosines.copy())
 
     def nearer(self, where: np.ndarray, ranges, cosines, label: str) -> None:
-        """Enter hits of the rays at the places ``where`` if they are nearer than what the rays met so far."""
+        """Enter hits of the rays at the places ``where`` if they are nearer than what the rays met
+        so far.
+        """
         closer = (ranges < self.ranges[where]) & (ranges > 0)
         where = where[closer]
-        self.ranges[where], self.cosines[where], self.codes[where] = ranges[closer], cosines[closer], CODES[label]
+        self.ranges[where], self.cosines[where], self.codes[where] = (
+            ranges[closer],
+            cosines[closer],
+            CODES[label],
+        )
 
 
-def cast(tunnel: Tunnel, epoch: int, scanner: Scanner, station: np.ndarray, beams: np.ndarray) -> tuple[np.ndarray, ...]:
+def cast(
+    tunnel: Tunnel, epoch: int, scanner: Scanner, station: np.ndarray, beams: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """Cast beams (k, 3), unit vectors, from a station (3,).
 
     Returns
@@ -135,8 +162,19 @@ def cast(tunnel: Tunnel, epoch: int, scanner: Scanner, station: np.ndarray, beam
     wall, flank = _lining(tunnel, epoch, rays)
     bare = _bare_hits(tunnel, rays, wall)
     hits = _first_hits(tunnel, epoch, rays, wall, bare)
-    width = scanner.beam_diameter + scanner.beam_divergence * np.where(np.isfinite(hits.ranges), hits.ranges, 0.0)
-    _mix(tunnel, epoch, scanner, station, beams, hits, width, _at_edges(tunnel, epoch, rays, wall, bare, width))
+    width = scanner.beam_diameter + scanner.beam_divergence * np.where(
+        np.isfinite(hits.ranges), hits.ranges, 0.0
+    )
+    _mix(
+        tunnel,
+        epoch,
+        scanner,
+        station,
+        beams,
+        hits,
+        width,
+        _at_edges(tunnel, epoch, rays, wall, bare, width),
+    )
     on_lining = hits.codes == CODES["lining"]
     _into_recesses(tunnel, hits, wall, np.flatnonzero(on_lining))
     hits.codes[on_lining & flank] = CODES["joint"]
@@ -149,7 +187,9 @@ def cast(tunnel: Tunnel, epoch: int, scanner: Scanner, station: np.ndarray, beam
 
 
 def _lining(tunnel: Tunnel, epoch: int, rays: Rays) -> tuple[Places, np.ndarray]:
-    """Where rays meet the lining's inner face, and (k,) bool: those that end on the flank of a step between segments."""
+    """Where rays meet the lining's inner face, and (k,) bool: those that end on the flank of a step
+    between segments.
+    """
     ranges = _before_the_lining(tunnel, rays)
     places = rays.at(ranges)
     left = np.arange(len(ranges))
@@ -169,17 +209,22 @@ def _lining(tunnel: Tunnel, epoch: int, rays: Rays) -> tuple[Places, np.ndarray]
 
 
 def _before_the_lining(tunnel: Tunnel, rays: Rays) -> np.ndarray:
-    """Ranges (k,) a little before the lining, found as if the axis were a parabola; the last of the nodes for rays that go farther.
+    """Ranges (k,) a little before the lining, found as if the axis were a parabola; the last of the
+    nodes for rays that go farther.
 
-    Along a ray u = u₀ + a t − κ(c t)²/2, v = v₀ + b t. Nodes find the first interval in which √(u² + v²) passes the
-    design radius less ``MARGIN``; regula falsi refines it.
+    Along a ray u = u₀ + a t − κ(c t)²/2, v = v₀ + b t. Nodes find the first interval in which √(u²
+    + v²) passes the design radius less ``MARGIN``; regula falsi refines it.
     """
     start = rays.at(np.zeros(len(rays.directions)))
     bend = -0.5 * tunnel.alignment.curvature * start.along**2
     squared = (tunnel.lining.radius - MARGIN) ** 2
 
     def beyond(which, t):
-        return (start.u[which] + (start.right[which] + bend[which] * t) * t) ** 2 + (start.v[which] + start.up[which] * t) ** 2 - squared
+        return (
+            (start.u[which] + (start.right[which] + bend[which] * t) * t) ** 2
+            + (start.v[which] + start.up[which] * t) ** 2
+            - squared
+        )
 
     inside, outside = np.full(len(bend), NODES[-1]), np.full(len(bend), np.inf)
     left = np.arange(len(bend))
@@ -205,7 +250,9 @@ def _before_the_lining(tunnel: Tunnel, rays: Rays) -> np.ndarray:
 def _into_recesses(tunnel: Tunnel, hits: Hits, wall: Places, where: np.ndarray) -> None:
     """Let rays that cross the mouth of a recess go on to its walls."""
     here = wall[where]
-    which, extra, cosines = tunnel.lining.recess(here.alpha, here.chainage, here.rho, here.along, here.around, here.outwards)
+    which, extra, cosines = tunnel.lining.recess(
+        here.alpha, here.chainage, here.rho, here.along, here.around, here.outwards
+    )
     sunk = which >= 0
     where = where[sunk]
     hits.ranges[where] += extra[sunk]
@@ -231,11 +278,16 @@ def _first_hits(tunnel: Tunnel, epoch: int, rays: Rays, wall: Places, bare: Hits
     alpha, furniture = wall.alpha, tunnel.furniture
     hits = bare.copy()
     walk = furniture.catwalk
-    bow = 0.125 * tunnel.alignment.curvature * wall.ranges**2  # of the beam to the right of its chord
-    below = np.flatnonzero((wall.v < walk.top + 0.05) & (np.maximum(wall.u, 0.5 * walk.edge) + bow > walk.edge - 0.1))
+    # of the beam to the right of its chord
+    bow = 0.125 * tunnel.alignment.curvature * wall.ranges**2
+    below = np.flatnonzero(
+        (wall.v < walk.top + 0.05) & (np.maximum(wall.u, 0.5 * walk.edge) + bow > walk.edge - 0.1)
+    )
     _catwalk(hits, below, rays[below], wall[below], walk, grow[below])
     for tube in furniture.tubes:
-        near = np.flatnonzero(np.abs(from_nearest(alpha - tube.alpha, TURN)) < tube.radius / tube.rho + NEAR)
+        near = np.flatnonzero(
+            np.abs(from_nearest(alpha - tube.alpha, TURN)) < tube.radius / tube.rho + NEAR
+        )
         _tube(hits, near, rays[near], wall[near], tube, grow[near])
     for box in furniture.boxes:
         middle, half = 0.5 * (box.alpha[0] + box.alpha[1]), 0.5 * (box.alpha[1] - box.alpha[0])
@@ -258,14 +310,25 @@ def _catwalk(hits: Hits, where, rays: Rays, wall: Places, walk: Catwalk, grow) -
     """Its top, or else its edge: seen from above nothing else of it can be met."""
     top = wall
     for _ in range(3):
-        top = rays.at(np.maximum(top.ranges + (walk.top + grow - top.v) / np.minimum(top.up, -1e-3), 0.0))
+        top = rays.at(
+            np.maximum(top.ranges + (walk.top + grow - top.v) / np.minimum(top.up, -1e-3), 0.0)
+        )
     on_top = top.u >= walk.edge - grow
     met = on_top & rays.inside(top)
     hits.nearer(where[met], top.ranges[met], -top.up[met], walk.label)
     edge = top
     for _ in range(3):
-        edge = rays.at(np.maximum(edge.ranges + (walk.edge - grow - edge.u) / np.maximum(edge.right, 1e-3), 0.0))
-    met = ~on_top & (np.abs(edge.u - walk.edge + grow) < 1e-6) & (edge.v >= walk.bottom - grow) & (edge.v <= walk.top + grow)
+        edge = rays.at(
+            np.maximum(
+                edge.ranges + (walk.edge - grow - edge.u) / np.maximum(edge.right, 1e-3), 0.0
+            )
+        )
+    met = (
+        ~on_top
+        & (np.abs(edge.u - walk.edge + grow) < 1e-6)
+        & (edge.v >= walk.bottom - grow)
+        & (edge.v <= walk.top + grow)
+    )
     met &= rays.inside(edge)
     hits.nearer(where[met], edge.ranges[met], np.abs(edge.right[met]), walk.label)
 
@@ -283,10 +346,11 @@ def _tube(hits: Hits, where, rays: Rays, wall: Places, tube: Tube, grow) -> None
 
 
 def _wall_box(hits: Hits, where, rays: Rays, wall: Places, wall_alpha, box: WallBox, grow) -> None:
-    """From where a ray passes the radius of the inner face to the lining, chainage and polar angle are taken as linear.
+    """From where a ray passes the radius of the inner face to the lining, chainage and polar angle
+    are taken as linear.
 
-    A box is missed by a ray that passes that radius twice before it ends on the lining, which takes a sight of more
-    than 40 m along the inside of the curve.
+    A box is missed by a ray that passes that radius twice before it ends on the lining, which takes
+    a sight of more than 40 m along the inside of the curve.
     """
     face = wall
     for _ in range(3):
@@ -297,7 +361,12 @@ def _wall_box(hits: Hits, where, rays: Rays, wall: Places, wall_alpha, box: Wall
     turn = grow / box.rho
     widths = (
         (face.chainage, wall.chainage, first, last),
-        (alpha, alpha + from_nearest(wall_alpha - face.alpha, TURN), -turn, box.alpha[1] - box.alpha[0] + turn),
+        (
+            alpha,
+            alpha + from_nearest(wall_alpha - face.alpha, TURN),
+            -turn,
+            box.alpha[1] - box.alpha[0] + turn,
+        ),
     )
     entered = np.zeros(len(where), dtype=int)
     for side, (begin, end, low, high) in enumerate(widths, start=1):
@@ -314,7 +383,9 @@ def _wall_box(hits: Hits, where, rays: Rays, wall: Places, wall_alpha, box: Wall
 
 
 def _next_box(box: WallBox, chainage, step, grow) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends of the box that contains a chainage, or of the next one in the direction of the step; where there is none, of the last."""
+    """Both ends of the box that contains a chainage, or of the next one in the direction of the
+    step; where there is none, of the last.
+    """
     starts = np.array(box.starts)
     forwards = np.searchsorted(starts + box.length, chainage - grow)
     backwards = np.searchsorted(starts, chainage + grow) - 1
@@ -340,9 +411,15 @@ def _person(tunnel: Tunnel, hits: Hits, rays: Rays, person: Person, grow) -> Non
 # ----------------------------------------------------------------------- mixed pixels
 
 
-def _at_edges(tunnel: Tunnel, epoch: int, rays: Rays, wall: Places, bare: Hits, width: np.ndarray) -> np.ndarray:
-    """Numbers of the rays within a footprint of an edge: larger furniture catches them, smaller furniture does not."""
-    larger, smaller = (_first_hits(tunnel, epoch, rays, wall, bare, grow) for grow in (0.5 * width, -0.5 * width))
+def _at_edges(
+    tunnel: Tunnel, epoch: int, rays: Rays, wall: Places, bare: Hits, width: np.ndarray
+) -> np.ndarray:
+    """Numbers of the rays within a footprint of an edge: larger furniture catches them, smaller
+    furniture does not.
+    """
+    larger, smaller = (
+        _first_hits(tunnel, epoch, rays, wall, bare, grow) for grow in (0.5 * width, -0.5 * width)
+    )
     return np.flatnonzero(larger.codes != smaller.codes)
 
 
@@ -350,7 +427,11 @@ def _mix(tunnel, epoch, scanner, station, beams, hits: Hits, width, edges: np.nd
     """Give those of the beams at edges whose footprint covers two ranges the mean of them."""
     edges = edges[np.isfinite(hits.ranges[edges])]
     at, codes, _ = _footprint_hits(tunnel, epoch, scanner, station, beams[edges], 1)
-    other = (codes != hits.codes[edges]) & np.isfinite(at) & (np.abs(at - hits.ranges[edges]) > width[edges])
+    other = (
+        (codes != hits.codes[edges])
+        & np.isfinite(at)
+        & (np.abs(at - hits.ranges[edges]) > width[edges])
+    )
     edges = edges[other.any(axis=0)]
     at, codes, cosines = _footprint_hits(tunnel, epoch, scanner, station, beams[edges], RINGS)
     gauss = np.exp(-2.0 * np.sum(disc_pattern(RINGS) ** 2, axis=-1))[:, None] * np.isfinite(at)

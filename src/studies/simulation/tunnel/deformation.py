@@ -1,11 +1,13 @@
-"""The deformation between the epochs: known exactly, so that what an analysis finds can be compared with it.
+"""The deformation between the epochs: known exactly, so that what an analysis finds can be compared
+with it.
 
 Five things happen along the tunnel, each where a section is measured, and nothing in between:
 
-    squat        the lining's ellipse is pressed down by A(s) at the crown and pushed out by ``spread``·A(s) at the
-                 springline. A(s) is smooth and has exactly the three largest deformations which Li et al. (2015,
-                 section 4.2.2) print, 10.9, 21.2 and 24.3 mm, at three consecutive sections. That the vertical is
-                 the larger is theirs too; the ratio of the two is assumed.
+    squat        the lining's ellipse is pressed down by A(s) at the crown and pushed out by
+                 ``spread``·A(s) at the springline. A(s) is smooth and has exactly the three largest
+                 deformations which Li et al. (2015, section 4.2.2) print, 10.9, 21.2 and 24.3 mm,
+                 at three consecutive sections. That the vertical is the larger is theirs too; the
+                 ratio of the two is assumed.
     dent         a local bump inwards, which no ellipse can follow
     shift        one ring moves as a whole, by 8 mm
     tilt         one ring turns about its horizontal diameter
@@ -22,13 +24,15 @@ import numpy as np
 
 from .alignment import from_nearest
 
-SETTLEMENT = ((37.0, 0.0), (45.0, 0.0109), (55.0, 0.0212), (65.0, 0.0243), (80.0, 0.0))  # chainage and A, m
+# chainage and A, m
+SETTLEMENT = ((37.0, 0.0), (45.0, 0.0109), (55.0, 0.0212), (65.0, 0.0243), (80.0, 0.0))
 QUIET_ZONE = (82.0, 100.0)  # m, with the sections at 85 and 95 m
 
 
 @dataclass(frozen=True)
 class Squat:
-    """Ellipse pressed down by A(s): ``knots`` (chainage, A) in m, between them a quintic step, level at every knot.
+    """Ellipse pressed down by A(s): ``knots`` (chainage, A) in m, between them a quintic step,
+    level at every knot.
 
     >>> 1e3 * Squat().settlement([40.0, 45.0, 55.0, 65.0, 80.0])
     array([ 2.99976196, 10.9       , 21.2       , 24.3       ,  0.        ])
@@ -48,7 +52,8 @@ class Squat:
 
 @dataclass(frozen=True)
 class Dent:
-    """Bump inwards: δ = −depth (1 − x²)³ for x² = (Δα/half_width)² + (Δs/half_length)² < 1, which is smooth at its edge.
+    """Bump inwards: δ = −depth (1 − x²)³ for x² = (Δα/half_width)² + (Δs/half_length)² < 1, which
+    is smooth at its edge.
 
     chainage, half_length, depth in m; alpha, half_width in rad.
     """
@@ -66,15 +71,19 @@ class Dent:
         array([-0.014     , -0.00590625, -0.        ])
         """
         aside = from_nearest(alpha - self.alpha, 2 * np.pi)
-        squares = (aside / self.half_width) ** 2 + ((chainage - self.chainage) / self.half_length) ** 2
+        squares = (aside / self.half_width) ** 2 + (
+            (chainage - self.chainage) / self.half_length
+        ) ** 2
         return -self.depth * np.maximum(1.0 - squares, 0.0) ** 3
 
 
 @dataclass(frozen=True)
 class RingMovement:
-    """The ring that holds ``chainage`` moves by ``shift`` (u, v) in m and turns by ``tilt`` (rad) about its horizontal diameter.
+    """The ring that holds ``chainage`` moves by ``shift`` (u, v) in m and turns by ``tilt`` (rad)
+    about its horizontal diameter.
 
-    A point at the distance w along the axis from the middle of its ring moves up by v-shift + tilt · w.
+    A point at the distance w along the axis from the middle of its ring moves up by v-shift + tilt
+    · w.
     """
 
     chainage: float

@@ -1,9 +1,10 @@
-"""What hides the lining: track bed, catwalk, pipe, cables, brackets, lamps, a cabinet, and people at work.
+"""What hides the lining: track bed, catwalk, pipe, cables, brackets, lamps, a cabinet, and people
+at work.
 
-All of it is described in the section (:mod:`.alignment`) and follows the curve: tubes run along the whole tunnel,
-boxes stand on the lining between two polar angles, the bed and the catwalk are level. Li et al. (2015) name bolt
-holes, nuts, grouting holes, cables and lamps; where they are, and how large, is assumed. Everything stands out by 2 cm
-or more.
+All of it is described in the section (:mod:`.alignment`) and follows the curve: tubes run along the
+whole tunnel, boxes stand on the lining between two polar angles, the bed and the catwalk are level.
+Li et al. (2015) name bolt holes, nuts, grouting holes, cables and lamps; where they are, and how
+large, is assumed. Everything stands out by 2 cm or more.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Tube:
-    """Cable or pipe along the tunnel: polar angle (rad), distance of its middle from the axis, and radius, m."""
+    """Cable or pipe along the tunnel: polar angle (rad), distance of its middle from the axis, and
+    radius, m.
+    """
 
     label: str
     alpha: float
@@ -30,7 +33,9 @@ class Tube:
 
 @dataclass(frozen=True)
 class WallBox:
-    """Boxes on the lining: from polar angle to polar angle (rad), inner face at ``rho``, each ``length`` long from its start, m."""
+    """Boxes on the lining: from polar angle to polar angle (rad), inner face at ``rho``, each
+    ``length`` long from its start, m.
+    """
 
     label: str
     alpha: tuple[float, float]
@@ -41,7 +46,9 @@ class WallBox:
 
 @dataclass(frozen=True)
 class Catwalk:
-    """A level slab on the right: from ``edge`` (u) to the lining, between ``bottom`` and ``top`` (v), m."""
+    """A level slab on the right: from ``edge`` (u) to the lining, between ``bottom`` and ``top``
+    (v), m.
+    """
 
     label: str = "catwalk"
     edge: float = 1.60
@@ -61,7 +68,10 @@ class Person:
 
 
 def _tubes() -> tuple[Tube, ...]:
-    cables = [Tube("cable", np.deg2rad(alpha), 2.60, radius) for alpha, radius in ((-90, 0.030), (-84, 0.025), (-78, 0.025), (-72, 0.020))]
+    cables = [
+        Tube("cable", np.deg2rad(alpha), 2.60, radius)
+        for alpha, radius in ((-90, 0.030), (-84, 0.025), (-78, 0.025), (-72, 0.020))
+    ]
     signal = Tube("cable", np.deg2rad(42.0), 2.67, 0.015)
     pipe = Tube("pipe", np.deg2rad(-116.0), 2.55, 0.075)
     return (*cables, signal, pipe)

@@ -1,10 +1,11 @@
 """The lining: its radius in each epoch, its rings and segments, and the recesses in them.
 
-Assumed, because Li et al. (2015) print nothing of it, as usual for metro tunnels of this kind: inner radius 2.70 m;
-rings of 1.2 m, each of six equal segments, every other ring turned by half a segment; joints 8 mm wide and 22 mm
-deep; ovality a − b between 5 and 15 mm, changing along the tunnel; segments up to 2.5 mm before or behind the
-ellipse, so that two neighbours differ by up to 5 mm; four bolt pockets at each longitudinal joint and one grouting
-hole in the middle of each segment. In each pocket sits a bolt with its nut, which ends 30 mm behind the inner face.
+Assumed, because Li et al. (2015) print nothing of it, as usual for metro tunnels of this kind:
+inner radius 2.70 m; rings of 1.2 m, each of six equal segments, every other ring turned by half a
+segment; joints 8 mm wide and 22 mm deep; ovality a − b between 5 and 15 mm, changing along the
+tunnel; segments up to 2.5 mm before or behind the ellipse, so that two neighbours differ by up to 5
+mm; four bolt pockets at each longitudinal joint and one grouting hole in the middle of each
+segment. In each pocket sits a bolt with its nut, which ends 30 mm behind the inner face.
 
 A radius counts from the design axis, ρ(α, s), in the plane of the section (:mod:`.alignment`).
 """
@@ -27,7 +28,9 @@ SEGMENT = 2 * np.pi / SEGMENTS  # rad
 
 @dataclass(frozen=True)
 class Recess:
-    """A box sunk into the lining: half sides along the tunnel and around it, and depth, m; inf where it has no end."""
+    """A box sunk into the lining: half sides along the tunnel and around it, and depth, m; inf
+    where it has no end.
+    """
 
     label: str
     half_length: float
@@ -39,7 +42,8 @@ RING_JOINT = Recess("joint", 0.004, np.inf, 0.022)
 SEGMENT_JOINT = Recess("joint", np.inf, 0.004, 0.022)
 POCKET = Recess("bolt pocket", 0.08, 0.05, 0.06)
 GROUTING_HOLE = Recess("grouting hole", 0.025, 0.025, 0.06)
-BOLT, BOLT_HALF_WIDTH, BOLT_HEIGHT = "bolt", 0.02, 0.03  # m: its half sides, and how far it stands up from the bottom of its pocket
+# m: its half sides, and how far it stands up from the bottom of its pocket
+BOLT, BOLT_HALF_WIDTH, BOLT_HEIGHT = "bolt", 0.02, 0.03
 POCKET_FROM_RING_JOINT = 0.24  # m, of the middle of a pocket
 POCKET_FROM_SEGMENT_JOINT = 0.20  # m
 
@@ -64,8 +68,17 @@ class Lining:
     deformation: Deformation = Deformation()
 
     @classmethod
-    def drawn(cls, length: float, generator: np.random.Generator, *, largest_step: float = 0.0025, **options) -> Lining:
-        """A lining over ``length`` (m) whose segments stand up to ``largest_step`` (m) from the ellipse."""
+    def drawn(
+        cls,
+        length: float,
+        generator: np.random.Generator,
+        *,
+        largest_step: float = 0.0025,
+        **options,
+    ) -> Lining:
+        """A lining over ``length`` (m) whose segments stand up to ``largest_step`` (m) from the
+        ellipse.
+        """
         rings = int(np.ceil(length / options.get("ring_width", cls.ring_width) - 1e-9))
         return cls(generator.uniform(-largest_step, largest_step, (rings, SEGMENTS)), **options)
 
@@ -77,17 +90,25 @@ class Lining:
         object.__setattr__(self, "steps", steps)
 
     def semi_axes(self, chainage, epoch: int) -> tuple[np.ndarray, np.ndarray]:
-        """Horizontal and vertical semi-axis (…) of the ellipse, m, without steps, dents and moved rings."""
-        ovality = self.ovality[0] + self.ovality[1] * np.sin(2 * np.pi * np.asarray(chainage) / self.ovality_period)
+        """Horizontal and vertical semi-axis (…) of the ellipse, m, without steps, dents and moved
+        rings.
+        """
+        ovality = self.ovality[0] + self.ovality[1] * np.sin(
+            2 * np.pi * np.asarray(chainage) / self.ovality_period
+        )
         settlement, spread = 0.0, self.deformation.squat.spread
         if one_of(epoch, EPOCHS, "epoch") == 2:
             settlement = self.deformation.squat.settlement(chainage)
-        return self.radius + 0.5 * ovality + spread * settlement, self.radius - 0.5 * ovality - settlement
+        return (
+            self.radius + 0.5 * ovality + spread * settlement,
+            self.radius - 0.5 * ovality - settlement,
+        )
 
     def true_radius(self, alpha, chainage, epoch: int) -> np.ndarray:
         """ρ (…) in m of the inner face at polar angles (rad) and chainages (m), without recesses.
 
-        ρ = ab/√(a² cos²α + b² sin²α) + step of the segment, and in epoch 2 dent and movement of the ring.
+        ρ = ab/√(a² cos²α + b² sin²α) + step of the segment, and in epoch 2 dent and movement of the
+        ring.
 
         >>> lining = Lining(np.zeros((109, 6)))
         >>> np.round(lining.true_radius(np.deg2rad([0.0, 90.0]), 55.0, 1), 4)
@@ -123,17 +144,23 @@ class Lining:
 
     def ring(self, chainage) -> np.ndarray:
         """(…) number of the ring; what lies beyond the ends belongs to the first and the last."""
-        return np.clip(np.floor(np.asarray(chainage) / self.ring_width).astype(int), 0, len(self.steps) - 1)
+        return np.clip(
+            np.floor(np.asarray(chainage) / self.ring_width).astype(int), 0, len(self.steps) - 1
+        )
 
     def segment(self, alpha, chainage) -> np.ndarray:
         """(…) number of the segment in its ring."""
         return (np.floor((alpha - self._first_joint(chainage)) / SEGMENT) % SEGMENTS).astype(int)
 
     def _first_joint(self, chainage) -> np.ndarray:
-        """(…) polar angle of a longitudinal joint, rad: a quarter of a segment to the right or to the left of the crown."""
+        """(…) polar angle of a longitudinal joint, rad: a quarter of a segment to the right or to
+        the left of the crown.
+        """
         return SEGMENT * np.where(self.ring(chainage) % 2, -0.25, 0.25)
 
-    def recess(self, alpha, chainage, rho, along, around, outwards) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def recess(
+        self, alpha, chainage, rho, along, around, outwards
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """How far rays that cross the face at (α, s) go on into a recess.
 
         Parameters
@@ -145,12 +172,14 @@ class Lining:
         -------
         which : (k,) place in ``RECESSES``, −1 for the plain face.
         extra : (k,) m to the first of bottom and side walls, or to the bolt.
-        cosines : (k,) of the incidence angle there; of the plain face 0. Nut and thread have edges all around, so of a bolt
-            it is that of the side turned most to the ray.
+        cosines : (k,) of the incidence angle there; of the plain face 0. Nut and thread have edges
+            all around, so of a bolt it is that of the side turned most to the ray.
         """
         which, extra, cosines = np.full(len(alpha), -1), np.zeros(len(alpha)), np.zeros(len(alpha))
         for recess, ds, dt in self._offsets(alpha, chainage, rho):
-            within = (np.abs(ds) < recess.half_length) & (np.abs(dt) < recess.half_width) & (which < 0)
+            within = (
+                (np.abs(ds) < recess.half_length) & (np.abs(dt) < recess.half_width) & (which < 0)
+            )
             if not within.any():
                 continue
             which[within] = RECESSES.index(recess.label)
@@ -165,7 +194,9 @@ class Lining:
         return which, extra, cosines
 
     def _offsets(self, alpha, chainage, rho):
-        """Each recess with the distances (k,) along and around from the middle of the nearest of its kind, m."""
+        """Each recess with the distances (k,) along and around from the middle of the nearest of
+        its kind, m.
+        """
         in_ring = chainage - self.ring_width * self.ring(chainage)
         ring_joint = from_nearest(chainage, self.ring_width)
         segment_joint = rho * from_nearest(alpha - self._first_joint(chainage), SEGMENT)
@@ -174,7 +205,11 @@ class Lining:
         from_joint = np.abs(segment_joint) - POCKET_FROM_SEGMENT_JOINT
         from_ring = np.minimum(in_ring, self.ring_width - in_ring) - POCKET_FROM_RING_JOINT
         # The distances of mirrored pockets are mirrored with them.
-        yield POCKET, np.where(in_ring < 0.5 * self.ring_width, 1, -1) * from_ring, np.sign(segment_joint) * from_joint
+        yield (
+            POCKET,
+            np.where(in_ring < 0.5 * self.ring_width, 1, -1) * from_ring,
+            np.sign(segment_joint) * from_joint,
+        )
         middle = rho * from_nearest(alpha - self._first_joint(chainage) - 0.5 * SEGMENT, SEGMENT)
         yield GROUTING_HOLE, in_ring - 0.5 * self.ring_width, middle
 
@@ -197,11 +232,18 @@ def _to_the_walls(recess: Recess, ds, dt, along, around, outwards) -> tuple[np.n
 
 
 def _to_the_bolt(ds, dt, along, around, outwards) -> np.ndarray:
-    """Range from the mouth of a pocket to the bolt in its middle; inf where the ray passes by. It stands before all walls."""
+    """Range from the mouth of a pocket to the bolt in its middle; inf where the ray passes by. It
+    stands before all walls.
+    """
     steps = np.stack([along, around, outwards])
-    lows = np.stack([-BOLT_HALF_WIDTH - ds, -BOLT_HALF_WIDTH - dt, np.full_like(ds, POCKET.depth - BOLT_HEIGHT)])
+    lows = np.stack(
+        [-BOLT_HALF_WIDTH - ds, -BOLT_HALF_WIDTH - dt, np.full_like(ds, POCKET.depth - BOLT_HEIGHT)]
+    )
     highs = np.stack([BOLT_HALF_WIDTH - ds, BOLT_HALF_WIDTH - dt, np.full_like(ds, POCKET.depth)])
     with np.errstate(divide="ignore"):
         at_low, at_high = lows / steps, highs / steps
-    enters, leaves = np.minimum(at_low, at_high).max(axis=0), np.maximum(at_low, at_high).min(axis=0)
+    enters, leaves = (
+        np.minimum(at_low, at_high).max(axis=0),
+        np.maximum(at_low, at_high).min(axis=0),
+    )
     return np.where(enters < leaves, enters, np.inf)

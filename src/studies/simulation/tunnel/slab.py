@@ -1,7 +1,8 @@
-"""One section of the campaign without the rest of it: the points of its slab, again and again with new noise.
+"""One section of the campaign without the rest of it: the points of its slab, again and again with
+new noise.
 
-For Monte Carlo studies of sections. The beams of the stations that can end in the slab are cast as the campaign casts
-them, and only these; their noise is then drawn for many campaigns at once.
+For Monte Carlo studies of sections. The beams of the stations that can end in the slab are cast as
+the campaign casts them, and only these; their noise is then drawn for many campaigns at once.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from .tunnel import Tunnel
 
 THICKNESS = 0.05  # m, of the slab (Li et al. 2015, section 4.2.2)
 SIGHT = 30.0  # m, beyond which a station's beams meet the lining too obliquely to come back
-DEPTH = 0.35  # m before the lining in which the slab's points are sought: bed and catwalk are cut off there
+# m before the lining in which the slab's points are sought: bed and catwalk are cut off there
+DEPTH = 0.35
 NEAR = 1.0  # m from a station to the slab, below which it may be seen all around
 ASIDE = np.deg2rad(3.0)  # beyond the springlines; tilt of instrument and section make less of it
 
@@ -52,7 +54,9 @@ class SectionScan:
         Raises ``ValueError`` if there are fewer.
         """
         if not 1 <= n_points <= len(self):
-            raise ValueError(f"n_points: expected from 1 to the {len(self)} points of the section, got {n_points}")
+            raise ValueError(
+                f"n_points: expected from 1 to the {len(self)} points of the section, got {n_points}"
+            )
         chosen = np.sort(np.random.default_rng(seed).permutation(len(self))[:n_points])
         arrays = (self.points, self.roots, self.codes, self.stations)
         return SectionScan(self.chainage, self.epoch, *(array[chosen] for array in arrays))
@@ -67,7 +71,8 @@ def section_scan(
     thickness: float = THICKNESS,
     scanner: Scanner = RIEGL_VZ400,
 ) -> SectionScan:
-    """What the stations of one epoch (``survey(…)[epoch − 1].stations``) see in the slab around a chainage (m).
+    """What the stations of one epoch (``survey(…)[epoch − 1].stations``) see in the slab around a
+    chainage (m).
 
     Raises ``ValueError`` for no set-ups, and set-ups of different epochs.
 
@@ -85,15 +90,25 @@ def section_scan(
         if abs(setup.chainage - chainage) < SIGHT
         for part in _slab(tunnel, setup, place, chainage, density, thickness, scanner)
     ]
-    empty = (np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0, dtype=np.uint8), np.empty(0, dtype=int))
-    return SectionScan(chainage, epochs.pop(), *(np.concatenate(arrays) for arrays in zip(empty, *parts, strict=True)))
+    empty = (
+        np.empty((0, 3)),
+        np.empty((0, 3, 3)),
+        np.empty(0, dtype=np.uint8),
+        np.empty(0, dtype=int),
+    )
+    return SectionScan(
+        chainage,
+        epochs.pop(),
+        *(np.concatenate(arrays) for arrays in zip(empty, *parts, strict=True)),
+    )
 
 
 def section_points(section: SectionScan, n_trials: int, seed: int) -> np.ndarray:
-    """Points (B, n, 3) of a section with the scanner's noise in B campaigns, engineering coordinates in m.
+    """Points (B, n, 3) of a section with the scanner's noise in B campaigns, engineering
+    coordinates in m.
 
-    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the number of trials
-    grows. Two epochs need two seeds.
+    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the
+    number of trials grows. Two epochs need two seeds.
 
     Parameters
     ----------
@@ -107,7 +122,12 @@ def section_points(section: SectionScan, n_trials: int, seed: int) -> np.ndarray
         raise ValueError(f"n_trials: expected a whole number of at least 1, got {n_trials!r}")
     clouds = np.empty((n_trials, *section.points.shape))
     for cloud, child in zip(clouds, np.random.SeedSequence(seed).spawn(n_trials), strict=True):
-        np.einsum("nij,nj->ni", section.roots, np.random.default_rng(child).standard_normal(cloud.shape), out=cloud)
+        np.einsum(
+            "nij,nj->ni",
+            section.roots,
+            np.random.default_rng(child).standard_normal(cloud.shape),
+            out=cloud,
+        )
     clouds += section.points
     return clouds
 
@@ -115,28 +135,43 @@ def section_points(section: SectionScan, n_trials: int, seed: int) -> np.ndarray
 def _slab(tunnel, setup, place, chainage, density, thickness, scanner):
     """Arrays of a :class:`SectionScan`, block by block of one station's beams.
 
-    A block of the station's grid holds few beams that can end in the slab, so these are collected before they are cast.
+    A block of the station's grid holds few beams that can end in the slab, so these are collected
+    before they are cast.
     """
-    towards = np.concatenate([np.empty((0, 3)), *_towards_the_slab(tunnel, setup, chainage, density, thickness)])
+    towards = np.concatenate(
+        [np.empty((0, 3)), *_towards_the_slab(tunnel, setup, chainage, density, thickness)]
+    )
     for part in pieces(len(towards), BLOCK):
         beams, ranges, cosines, codes = cast_beams(tunnel, setup, scanner, towards[part])
         points = setup.pose.to_engineering(ranges[:, None] * beams)
-        within = np.abs(tunnel.alignment.section_coordinates(points)[0] - chainage) <= 0.5 * thickness
+        within = (
+            np.abs(tunnel.alignment.section_coordinates(points)[0] - chainage) <= 0.5 * thickness
+        )
         roots = setup.pose.rotation @ scanner.roots(beams[within], ranges[within], cosines[within])
-        yield points[within], roots, codes[within].astype(np.uint8), np.full(np.count_nonzero(within), place)
+        yield (
+            points[within],
+            roots,
+            codes[within].astype(np.uint8),
+            np.full(np.count_nonzero(within), place),
+        )
 
 
 def _towards_the_slab(tunnel, setup, chainage, density, thickness):
-    """Beams of a station, block by block, that come within ``DEPTH`` of the lining between both faces of the slab.
+    """Beams of a station, block by block, that come within ``DEPTH`` of the lining between both
+    faces of the slab.
 
     On the way the axis bends as a parabola, as in :mod:`.casting`.
     """
     grid = station_grid(density)
     axis = tunnel.alignment
     start, u_0, v_0 = axis.section_coordinates(setup.pose.position)
-    to_section = axis.frame(start) @ setup.pose.rotation  # from the instrument to right, along and up at the station
+    # from the instrument to right, along and up at the station
+    to_section = axis.frame(start) @ setup.pose.rotation
     faces = abs(chainage - start) + 0.5 * thickness * np.array([[-1.0], [1.0]])  # near and far
-    columns, rows = _columns(tunnel, setup, chainage, thickness, grid.azimuths), len(grid.elevations)
+    columns, rows = (
+        _columns(tunnel, setup, chainage, thickness, grid.azimuths),
+        len(grid.elevations),
+    )
     for part in pieces(len(grid), BLOCK):
         if not columns[part.start // rows : (part.stop - 1) // rows + 1].any():
             continue
@@ -149,13 +184,17 @@ def _towards_the_slab(tunnel, setup, chainage, density, thickness):
 
 
 def _columns(tunnel, setup, chainage, thickness, azimuths):
-    """(columns,) bool of the station's grid: those that look at the slab between its springlines; from near it or within, all."""
+    """(columns,) bool of the station's grid: those that look at the slab between its springlines;
+    from near it or within, all.
+    """
     start, _, _ = tunnel.alignment.section_coordinates(setup.pose.position)
     if abs(chainage - start) < 0.5 * thickness + NEAR:
         return np.ones(len(azimuths), dtype=bool)
     face = chainage - 0.5 * thickness * np.sign(chainage - start)
     alpha = np.array([0.0, -0.5, 0.5]) * np.pi
-    sights = setup.pose.to_instrument(tunnel.alignment.polar_points(face, alpha, tunnel.lining.radius + DEPTH))
+    sights = setup.pose.to_instrument(
+        tunnel.alignment.polar_points(face, alpha, tunnel.lining.radius + DEPTH)
+    )
     middle, *sides = np.arctan2(sights[:, 1], sights[:, 0])
     half = np.abs(from_nearest(sides - middle, 2 * np.pi)).max()
     return np.abs(from_nearest(azimuths - middle, 2 * np.pi)) < half + ASIDE

@@ -11,12 +11,26 @@ from .alignment import Alignment
 from .furniture import Furniture
 from .lining import RECESSES, Lining
 
-NAMES = ("lining", *RECESSES, "track bed", "catwalk", "pipe", "cable", "bracket", "lamp", "cabinet", "person", MIXED)
+NAMES = (
+    "lining",
+    *RECESSES,
+    "track bed",
+    "catwalk",
+    "pipe",
+    "cable",
+    "bracket",
+    "lamp",
+    "cabinet",
+    "person",
+    MIXED,
+)
 CODES = {name: code for code, name in enumerate(NAMES)}
-# Each stands out from the lining by 2 cm or more; of a single point ``Tunnel.distances`` says how far.
+# Each stands out from the lining by 2 cm or more; of a single point ``Tunnel.distances`` says how
+# far.
 ATTACHMENTS = ("catwalk", "pipe", "cable", "bracket", "lamp", "cabinet", "person")
 
-SECTIONS = tuple(float(chainage) for chainage in range(5, 130, 10))  # the 13 sections, chainages in m
+# the 13 sections, chainages in m
+SECTIONS = tuple(float(chainage) for chainage in range(5, 130, 10))
 FLAGGED_SECTIONS = (45.0, 55.0, 65.0)  # with the largest deformations of 10.9, 21.2 and 24.3 mm
 ZONE = (40.0, 85.0)  # m, the 45 m in which the paper cuts its sections
 
@@ -25,7 +39,8 @@ ZONE = (40.0, 85.0)  # m, the 45 m in which the paper cuts its sections
 class Tunnel:
     """A tunnel whose truth is known.
 
-    alignment : design axis; ``alignment.position(s)``, ``.tangent(s)``, ``.section_coordinates(points)``
+    alignment : design axis; ``alignment.position(s)``, ``.tangent(s)``,
+        ``.section_coordinates(points)``
     lining : ``lining.true_radius(alpha, s, epoch)``, ``lining.true_deformation(alpha, s)``
     furniture : what hides it
 
@@ -48,7 +63,9 @@ class Tunnel:
         return self.lining.true_deformation(alpha, chainage)
 
     def distances(self, points: np.ndarray, epoch: int) -> np.ndarray:
-        """ρ − ρ_true(α, s) (…) in m of points (…, 3) in engineering coordinates: positive behind the inner face."""
+        """ρ − ρ_true(α, s) (…) in m of points (…, 3) in engineering coordinates: positive behind
+        the inner face.
+        """
         chainage, u, v = self.alignment.section_coordinates(points)
         return np.hypot(u, v) - self.true_radius(np.arctan2(u, v), chainage, epoch)
 
