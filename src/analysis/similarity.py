@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 from scipy.stats import f as fisher
 
-from .adjustment.iteration import Ended, iterate
+from .adjustment.iteration import Ending, Stack, iterate
 from .adjustment.linalg import cofactor_from_normal, propagate, solve, unit_weight_sd
 from .adjustment.weights import IGG3
 from .blocks import BLOCK, pieces
@@ -355,27 +355,23 @@ def thirteen_parameters(
         )
     parameters = np.concatenate([np.zeros((count, 3)), mu[:, None], R.reshape(-1, 9)], axis=-1)
 
-    def advance(problem: _Rows, state):
-        xi, last = state
+    def advance(problem: _Rows, state: _Cosines):
+        xi = state.xi
         normal, right = _constrained_normals(problem, xi)
         step = solve(normal, right[..., None])[:, :13, 0]
         size = np.abs(step).max(axis=-1)
         lost = ~np.isfinite(size)
-        stalled = (size >= last) & (size <= STALLED)
-        ending = np.select([lost, size <= TOLERANCE, stalled], [1, 2, 3], 0)
-        return (np.where(lost[:, None], xi, xi + step), size), ending
+        return _Cosines(np.where(lost[:, None], xi, xi + step), size), {
+            Ending.SINGULAR: lost,
+            Ending.PARAMETERS: size <= TOLERANCE,
+            Ending.ROUNDING: (size >= state.size) & (size <= STALLED),
+        }
 
-    endings = [
-        (False, "not converged: the normal equations became singular"),
-        (True, "the parameters stand still"),
-        (True, "the step reached rounding level"),
-    ]
     problem = _Rows(reduced[:, 0], reduced[:, 1], w)
     with np.errstate(invalid="ignore", over="ignore"):  # a lost problem is reported by its ending
-        ended = iterate(
-            problem, (parameters, np.full(count, np.inf)), advance, endings, max_iterations
-        )
-    xi = ended.state[0]
+        start = _Cosines(parameters, np.full(count, np.inf))
+        end, convergence = iterate(problem, start, advance, max_iterations)
+    xi = end.xi
     T, mu, R = length[:, None] * xi[:, :3], xi[:, 3], xi[:, 4:].reshape(-1, 3, 3)
     residuals = X - T[:, None, :] - mu[:, None, None] * (x @ R.swapaxes(-1, -2))
     inverse = solve(_constrained_normals(problem, xi)[0], np.eye(19)[None, :, :13])[:, :13]
@@ -389,9 +385,7 @@ def thirteen_parameters(
         "cofactor": units[:, :, None] * inverse * units[:, None, :],
         "sigma_0": unit_weight_sd(np.sum(w[..., None] * residuals**2, axis=(-1, -2)), 3 * n - 7),
         "residuals": residuals,
-        "iterations": ended.iterations,
-        "converged": ended.converged,
-        "stop_reason": ended.stop_reason,
+        **vars(convergence),
     }
     return ThirteenParameters(
         **{name: values.reshape(lead + values.shape[1:])[()] for name, values in fields.items()}
@@ -399,15 +393,20 @@ def thirteen_parameters(
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _Rows(Stack):
     """Pairs of a stack of problems with weights: x, X (B, n, 3), w (B, n)."""
 
     x: np.ndarray
     X: np.ndarray
     w: np.ndarray
 
-    def __getitem__(self, keep) -> _Rows:
-        return _Rows(self.x[keep], self.X[keep], self.w[keep])
+
+@dataclass(frozen=True)
+class _Cosines(Stack):
+    """Parameters ξ = (T, μ, a, b, c), (B, 13), and the largest change (B,) of the last step."""
+
+    xi: np.ndarray
+    size: np.ndarray
 
 
 def _constrained_normals(problem: _Rows, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -534,7 +533,7 @@ def _fitted(
 
 
 @dataclass(frozen=True)
-class _Pairs:
+class _Pairs(Stack):
     """Pairs of a stack of problems about their centroids: x, X (B, n, 3) with cofactors (B, n, 3,
     3), start weights w (B, n).
 
@@ -548,8 +547,17 @@ class _Pairs:
     w: np.ndarray
     rounding: np.ndarray
 
-    def __getitem__(self, keep) -> _Pairs:
-        return _Pairs(**{name: values[keep] for name, values in vars(self).items()})
+
+@dataclass(frozen=True)
+class _State(Stack):
+    """Parameters μ, R, T about the centroids; weights (B, n); iterations so far and last step (B,)."""
+
+    mu: np.ndarray
+    R: np.ndarray
+    T: np.ndarray
+    weights: np.ndarray
+    age: np.ndarray
+    length: np.ndarray
 
 
 def _adjust(
@@ -568,16 +576,15 @@ def _adjust(
         weights, inflation = np.ones((count, n)), 1.0
     mu, R, T = _umeyama(pairs.x, pairs.X, weights * pairs.w, free_scale)
 
-    def advance(pairs: _Pairs, state):
-        mu, R, T, weights, age, last = state
-        r, J, unit = _whitened(pairs, mu, R, T, t)
-        before = weights
+    def advance(pairs: _Pairs, state: _State):
+        r, J, unit = _whitened(pairs, state.mu, state.R, state.T, t)
+        weights = before = state.weights
         if function is not None:
             weights = _robust_weights(
-                function, r, J, weights, np.where(age, 1.0, inflation), pairs, absolute
+                function, r, J, weights, np.where(state.age, 1.0, inflation), pairs, absolute
             )
             # Two pairs may throw each other out by turns: they go half of the way then.
-            by_turns = (age[:, None] >= PATIENCE) & (np.abs(weights - before) > SETTLED)
+            by_turns = (state.age[:, None] >= PATIENCE) & (np.abs(weights - before) > SETTLED)
             weights = np.where(by_turns, 0.5 * (before + weights), weights)
         N = np.einsum("bn,bnki,bnkj->bij", weights, J, J, optimize=True)
         right = np.einsum("bn,bnki,bnk->bi", weights, J, r, optimize=True)
@@ -585,26 +592,25 @@ def _adjust(
         lost = ~np.isfinite(step).all(axis=-1)
         step = np.where(lost[:, None], 0.0, step)
         length = np.linalg.norm(step, axis=-1) / unit[:, 3]
-        small, stalled = length <= TOLERANCE, (length >= last) & (length <= STALLED)
+        small, stalled = length <= TOLERANCE, (length >= state.length) & (length <= STALLED)
         settled = np.abs(weights - before).max(axis=-1) <= SETTLED
         step /= unit[:, :t]
         turn = Rotation.from_rotvec(step[:, 3:6]).as_matrix()
-        new_mu = mu + step[:, 6] if free_scale else mu
-        state = (new_mu, turn @ R, T + step[:, :3], weights, age + 1, length)
-        return state, np.select([lost, small & settled, stalled & settled], [1, 2, 3], 0)
+        mu = state.mu + step[:, 6] if free_scale else state.mu
+        R, T = turn @ state.R, state.T + step[:, :3]
+        return _State(mu, R, T, weights, state.age + 1, length), {
+            Ending.SINGULAR: lost,
+            Ending.PARAMETERS_AND_WEIGHTS if robust else Ending.PARAMETERS: small & settled,
+            Ending.ROUNDING: stalled & settled,
+        }
 
-    endings = [
-        (False, "not converged: the normal equations became singular"),
-        (True, "parameters and weights stand still" if robust else "the parameters stand still"),
-        (True, "the step reached rounding level"),
-    ]
-    start = (mu, R, T, weights, np.zeros(count, dtype=int), np.full(count, np.inf))
-    ended = iterate(pairs, start, advance, endings, max_iterations)
-    return _result(pairs, ended, function, t)
+    start = _State(mu, R, T, weights, np.zeros(count, dtype=int), np.full(count, np.inf))
+    end, convergence = iterate(pairs, start, advance, max_iterations)
+    return {**_result(pairs, end, function, t), **vars(convergence)}
 
 
-def _result(pairs: _Pairs, ended: Ended, function: IGG3 | None, t: int) -> dict[str, np.ndarray]:
-    mu, R, T, weights, _, _ = ended.state
+def _result(pairs: _Pairs, end: _State, function: IGG3 | None, t: int) -> dict[str, np.ndarray]:
+    mu, R, T, weights = end.mu, end.R, end.T, end.weights
     r, J, unit = _whitened(pairs, mu, R, T, t)
     N = np.einsum("bn,bnki,bnkj->bij", weights, J, J, optimize=True)
     mean, slope, square = (1.0, 1.0, 1.0) if function is None else _normal_means(function)
@@ -627,9 +633,6 @@ def _result(pairs: _Pairs, ended: Ended, function: IGG3 | None, t: int) -> dict[
         "residuals": _misclosures(pairs, mu, R, T)[0],
         "weights": weights,
         "redundancy": 3 * np.count_nonzero(weights, axis=-1) - t,
-        "iterations": ended.iterations,
-        "converged": ended.converged,
-        "stop_reason": ended.stop_reason,
     }
 
 

@@ -12,6 +12,7 @@ printed parameters.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy as np
 from ..checks import one_of, positive, whole_number
 from ..result import Fit, Iteration, rms
 from .cofactors import gauss_newton_cofactor
-from .iteration import iterate
+from .iteration import Ending, Stack, iterate
 from .linalg import solve, unit_weight_sd
 from .problem import EIVProblem
 from .steps import misclosures, objective, schaffrin_wieser_step
@@ -45,6 +46,17 @@ class Printed(Protocol):
     def step(self, difference): ...  # (B,) |ΔX| of the printed parameters X, from a difference of x
 
     def __getitem__(self, keep): ...  # some of the clouds
+
+
+@dataclass(frozen=True)
+class State(Stack):
+    """X(i) with z and its misclosures r, the weights used for it and those to be used next."""
+
+    x: np.ndarray
+    z: np.ndarray
+    r: np.ndarray
+    weights: np.ndarray
+    next_weights: np.ndarray
 
 
 def igg3_wtls(
@@ -103,17 +115,15 @@ def igg3_wtls(
     x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
     iterations = []
 
-    def advance(printed: Printed, state):
-        """Steps 3 to 7; the state: X(i), its misclosures, the weights used for X(i) and those to be
-        used next.
-        """
-        x, z, r, _, weights = state
-        new = schaffrin_wieser_step(printed.problem, x, weights, (z, r))
+    def advance(printed: Printed, state: State):
+        """Steps 3 to 7."""
+        weights = state.next_weights
+        new = schaffrin_wieser_step(printed.problem, state.x, weights, (state.z, state.r))
         z, r = misclosures(printed.problem, new)
         distances = printed.distances(new, r)
         sigma = estimate_scale(printed, new, distances, weights, function)
         factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
-        moved = printed.step(new - x)
+        moved = printed.step(new - state.x)
         lost = ~np.isfinite(moved + sigma) | (
             np.count_nonzero(weights, axis=-1) < problem.parameters
         )
@@ -121,26 +131,19 @@ def igg3_wtls(
             iterations.append(
                 Iteration(printed.parameters(new)[0], sigma[0] * printed.length[0], weights[0])
             )
-        state = (
-            np.where(lost[:, None], x, new),
-            z,
-            r,
-            weights,
-            weights * factors if cumulative else factors,
-        )
-        return state, np.select([lost, moved < tolerance], [1, 2], 0)
+        new = np.where(lost[:, None], state.x, new)
+        state = State(new, z, r, weights, weights * factors if cumulative else factors)
+        return state, {Ending.TOO_FEW_POINTS: lost, Ending.SMALL_PRINTED_STEP: moved < tolerance}
 
-    endings = [
-        (False, "not converged: too few points kept a weight to determine the surface"),
-        (True, f"the step in the printed parameters fell below {tolerance:g}"),
-    ]
     ones = np.ones(cloud.points.shape[:2])
-    state = (x, *misclosures(problem, x), ones, ones)
-    ended = iterate(printed, state, advance, endings, max_iterations)
-    x, _, _, weights, _ = ended.state
+    start = State(x, *misclosures(problem, x), ones, ones)
+    state, convergence = iterate(printed, start, advance, max_iterations, tolerance)
+    x, weights = state.x, state.weights
     sigma_0 = unit_weight_sd(objective(problem, x, weights), cloud.count - problem.parameters)
     cofactor = gauss_newton_cofactor(problem, x, weights)
-    return cloud.finished("igg3_wtls", x, cofactor, sigma_0, ended, weights, tuple(iterations))
+    return cloud.finished(
+        "igg3_wtls", x, cofactor, sigma_0, convergence, weights, tuple(iterations)
+    )
 
 
 def _weighted_solution(problem: EIVProblem, weights: np.ndarray) -> np.ndarray:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -15,111 +17,180 @@ from .steps import derivatives
 ROUNDING = 1e-11
 # relative Newton step above which Φ is not at its minimum, however small the steps have become
 FLAT = 0.01
-ENDED = ("iterations", "converged", "stop_reason")
+
+
+class Ending(Enum):
+    """How an iteration can end: whether it has converged, and the sentence that says so."""
+
+    MAX_ITERATIONS = False, "not converged: still moving after {max_iterations} iterations"
+    SINGULAR = False, "not converged: the normal equations became singular"
+    NOT_FINITE = False, "not converged: Φ or its gradient is not finite"
+    NO_DESCENT = False, "not converged: no lower Φ was found along the direction of search"
+    SADDLE = False, "not converged: ended where Φ is stationary, but at no minimum"
+    FLAT = False, "not converged: ended where Φ is flat, but at no minimum"
+    TOO_FEW_POINTS = False, "not converged: too few points kept a weight to determine the surface"
+    NO_ELLIPSE = False, "not converged: the points in use determine no ellipse"
+    SMALL_STEP = True, "the relative step fell below {tolerance:g}"
+    SMALL_PRINTED_STEP = True, "the step in the printed parameters fell below {tolerance:g}"
+    ROUNDING = True, "the step reached rounding level"
+    PARAMETERS = True, "the parameters stand still"
+    PARAMETERS_AND_SCALE = True, "parameters and scale stand still"
+    PARAMETERS_AND_WEIGHTS = True, "parameters and weights stand still"
+    ELLIPSE = True, "the ellipse stands still"
+
+    def __init__(self, converged: bool, sentence: str):
+        self.converged = converged
+        self.sentence = sentence
 
 
 @dataclass(frozen=True)
-class Ended:
-    """How the iterations over a stack of B problems ended: the last state, and (B,) iterations,
-    converged, stop_reason.
+class Stack:
+    """Base of dataclasses whose fields are arrays with the same leading axis, one entry per problem.
+
+    A mask or an index over that axis selects from, or writes to, all of them together.
     """
 
-    state: tuple[np.ndarray, ...]
+    def __len__(self) -> int:
+        return len(next(iter(vars(self).values())))
+
+    def __getitem__(self, keep) -> Self:
+        return type(self)(**{name: values[keep] for name, values in vars(self).items()})
+
+    def __setitem__(self, keep, part: Self) -> None:
+        for name, values in vars(self).items():
+            values[keep] = getattr(part, name)
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """How the iterations over a stack of problems ended.
+
+    iterations, converged, stop_reason : (…) number, whether it has converged, a sentence
+    """
+
     iterations: np.ndarray
     converged: np.ndarray
     stop_reason: np.ndarray
 
+    @classmethod
+    def closed_form(cls, count: int) -> Convergence:
+        """That of ``count`` problems that took no iteration."""
+        reason = np.full(count, "solved in closed form", dtype=object)
+        return cls(np.zeros(count, dtype=int), np.ones(count, dtype=bool), reason)
+
+    def reshape(self, lead: tuple[int, ...]) -> Convergence:
+        """That of a stack (B,) in the leading axes of its problems."""
+        return Convergence(**{name: values.reshape(lead) for name, values in vars(self).items()})
+
+    def failed_where(self, wrong: np.ndarray, reason: str) -> Convergence:
+        """Not converged for this reason where ``wrong``, else as it is."""
+        return replace(
+            self,
+            converged=self.converged & ~wrong,
+            stop_reason=np.where(wrong, reason, self.stop_reason),
+        )
+
+
+State = TypeVar("State", bound=Stack)
+
 
 def iterate(
-    problem,
-    state: tuple[np.ndarray, ...],
-    advance: Callable,
-    endings: list[tuple[bool, str]],
+    problem: Any,
+    state: State,
+    advance: Callable[[Any, State], tuple[State, dict[Ending, np.ndarray]]],
     max_iterations: int,
-) -> Ended:
-    """Repeat ``state, ending = advance(problem, state)`` for every problem of a stack until it has
-    ended.
+    tolerance: float | None = None,
+) -> tuple[State, Convergence]:
+    """Repeat ``state, endings = advance(problem, state)`` until each problem of a stack has ended.
 
     problem : anything that a mask over the leading axis selects from
-    state : arrays with that leading axis (B, …)
-    advance : gives the next state and, for each problem, 0 to go on or the 1-based number of an
-        ending
-    endings : (converged, sentence) of each ending
+    state : a :class:`Stack` with that leading axis (B, …)
+    advance : gives the next state and the problems (B,) bool that each ending applies to; where
+        several do, the first
+    tolerance : what the sentence of the ending names, where it does
 
     A problem that has ended is left as it is and costs nothing more, so that it comes out the same
     in a stack of any size.
     """
-    count = len(state[0])
+    count = len(state)
     # made when one of several has ended: a single problem, which may be large, is never there twice
     final = None
     active = np.arange(count)
     iterations = np.full(count, max_iterations)
-    ending = np.zeros(count, dtype=int)
+    ending = np.full(count, Ending.MAX_ITERATIONS, dtype=object)
     for iteration in range(1, max_iterations + 1):
-        state, now = advance(problem, state)
-        stopped = (now > 0) | (iteration == max_iterations)
+        state, endings = advance(problem, state)
+        masks = list(endings.values())
+        stopped = np.any(masks, axis=0) | (iteration == max_iterations)
         if stopped.any():
             ended = active[stopped]
             iterations[ended] = iteration
-            ending[ended] = now[stopped]
+            ending[ended] = np.select(masks, list(endings), Ending.MAX_ITERATIONS)[stopped]
             if len(ended) == count:
                 final = state
                 break
             if final is None:
-                final = tuple(np.empty_like(array) for array in state)
-            for whole, part in zip(final, state, strict=True):
-                whole[ended] = part[stopped]
-            keep = ~stopped
-            active = active[keep]
+                final = type(state)(**{k: np.empty_like(v) for k, v in vars(state).items()})
+            final[ended] = state[stopped]
+            active = active[~stopped]
             if not len(active):
                 break
-            problem, state = problem[keep], tuple(part[keep] for part in state)
-    known = [(False, f"not converged: still moving after {max_iterations} iterations"), *endings]
-    converged = np.array([one[0] for one in known])[ending]
-    return Ended(
-        final, iterations, converged, np.array([one[1] for one in known], dtype=object)[ending]
+            problem, state = problem[~stopped], state[~stopped]
+    sentences = {
+        one: one.sentence.format(max_iterations=max_iterations, tolerance=tolerance)
+        for one in set(ending)
+    }
+    return final, Convergence(
+        iterations,
+        np.array([one.converged for one in ending], dtype=bool),
+        np.array([sentences[one] for one in ending], dtype=object),
     )
 
 
-def solved(
+@dataclass(frozen=True)
+class _Step(Stack):
+    """x (B, m) and the length (B,) of the step that led there."""
+
+    x: np.ndarray
+    length: np.ndarray
+
+
+def iterate_to_convergence(
     problem: EIVProblem,
     x: np.ndarray,
-    step: Callable,
+    step: Callable[[EIVProblem, np.ndarray], np.ndarray],
     tolerance: float,
     max_iterations: int,
-    watch: Callable | None = None,
-) -> tuple[np.ndarray, Ended]:
+    watch: Callable[[np.ndarray], None] | None = None,
+) -> tuple[np.ndarray, Convergence]:
     """Repeat ``x ← step(problem, x)`` for a stack x (B, m) until ``|Δx| ≤ tolerance·|x|``.
 
-    A step that is down at rounding level and does not shrink any more ends it as converged, too.
+    A step that is down at rounding level and no longer shrinks ends it as converged, too.
     ``watch`` is called with every x.
     """
 
-    def advance(problem, state):
-        x, last = state
-        new = step(problem, x)
+    def advance(problem: EIVProblem, state: _Step):
+        new = step(problem, state.x)
         if watch is not None:
             watch(new)
-        length, size = np.linalg.norm(new - x, axis=-1), np.linalg.norm(new, axis=-1)
+        length, size = np.linalg.norm(new - state.x, axis=-1), np.linalg.norm(new, axis=-1)
         lost = ~np.isfinite(length)
-        stalled = (length >= last) & (length <= ROUNDING * size)
-        ending = np.select([lost, length <= tolerance * size, stalled], [1, 2, 3], 0)
-        return (np.where(lost[:, None], x, new), length), ending
+        return _Step(np.where(lost[:, None], state.x, new), length), {
+            Ending.SINGULAR: lost,
+            Ending.SMALL_STEP: length <= tolerance * size,
+            Ending.ROUNDING: (length >= state.length) & (length <= ROUNDING * size),
+        }
 
-    endings = [
-        (False, "not converged: the normal equations became singular"),
-        (True, f"the relative step fell below {tolerance:g}"),
-        (True, "the step reached rounding level"),
-    ]
+    start = _Step(x, np.full(len(x), np.inf))
     # a lost problem is reported by its ending
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        ended = iterate(problem, (x, np.full(len(x), np.inf)), advance, endings, max_iterations)
-    return ended.state[0], ended
+        state, convergence = iterate(problem, start, advance, max_iterations, tolerance)
+    return state.x, convergence
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what was lost has been reported
-def only_minima(problem: EIVProblem, x: np.ndarray, ended: Ended) -> Ended:
-    """Take back the convergence of what is no minimum of Φ.
+def only_minima(problem: EIVProblem, x: np.ndarray, convergence: Convergence) -> Convergence:
+    """Mark as not converged every solution that is not a minimum of Φ.
 
     With errors as large as the columns an iteration can end at a saddle, where the Hessian has a
     negative eigenvalue, or run off to where Φ is flat: there its steps are small, but Newton's is
@@ -131,15 +202,5 @@ def only_minima(problem: EIVProblem, x: np.ndarray, ended: Ended) -> Ended:
     saddle = eigenvalues[..., 0] < -1e-10 * eigenvalues[..., -1]
     left = np.linalg.norm(solve(hessian, gradient[..., None])[..., 0], axis=-1)
     flat = left > FLAT * np.linalg.norm(x, axis=-1)
-    reason = np.where(
-        flat, "not converged: ended where Φ is flat, but at no minimum", ended.stop_reason
-    )
-    reason = np.where(
-        saddle, "not converged: ended where Φ is stationary, but at no minimum", reason
-    )
-    wrong = ended.converged & (saddle | flat)
-    return replace(
-        ended,
-        converged=ended.converged & ~wrong,
-        stop_reason=np.where(wrong, reason, ended.stop_reason),
-    )
+    at_saddle = convergence.failed_where(convergence.converged & saddle, Ending.SADDLE.sentence)
+    return at_saddle.failed_where(at_saddle.converged & flat, Ending.FLAT.sentence)

@@ -11,11 +11,12 @@ Inside, ``f = Φ/2`` is minimised, whose gradient and Hessian the other solvers 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from .cofactors import gauss_newton_cofactor
-from .iteration import ROUNDING, Ended, iterate
+from .iteration import ROUNDING, Convergence, Ending, Stack, iterate
 from .problem import EIVProblem
 from .steps import value_and_gradient
 
@@ -58,7 +59,19 @@ def dfp(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
     )
 
 
-def minimised(
+@dataclass(frozen=True)
+class _State(Stack):
+    """x (B, m) with value and gradient of f there, H, H to begin anew with, length of the step."""
+
+    x: np.ndarray
+    H: np.ndarray
+    gauss_newton: np.ndarray
+    value: np.ndarray
+    gradient: np.ndarray
+    length: np.ndarray
+
+
+def minimise(
     problem: EIVProblem,
     x: np.ndarray,
     update: Callable,
@@ -66,8 +79,8 @@ def minimised(
     max_iterations: int,
     watch: Callable | None = None,
     H_0: np.ndarray | None = None,
-) -> tuple[np.ndarray, Ended]:
-    """Minimum of Φ from x (B, m) for a stack of problems.
+) -> tuple[np.ndarray, Convergence]:
+    """Minimise Φ from x (B, m) for a stack of problems.
 
     update : :func:`bfgs` or :func:`dfp`; left out where ``vᵀs ≤ 1e-12 |v||s|``, so that H stays
         positive definite.
@@ -79,50 +92,40 @@ def minimised(
         downhill.
     """
 
-    def advance(problem, state):
-        x, H, gauss_newton, value, gradient, last = state
+    def advance(problem: EIVProblem, state: _State):
+        x, H, gauss_newton, gradient = state.x, state.H, state.gauss_newton, state.gradient
         d = -_times(H, gradient)
         uphill = ~(_dot(gradient, d) < 0)
         if uphill.any():
             H = np.where(uphill[:, None, None], gauss_newton, H)
             d = -_times(H, gradient)
-        alpha, new_value, new_gradient, tried = line_search(problem, x, d, value, gradient)
+        alpha, new_value, new_gradient, tried = line_search(problem, x, d, state.value, gradient)
         s, v = alpha[:, None] * d, new_gradient - gradient
         new = x + s
         if watch is not None:
             watch(new, tried)
         learns = _dot(v, s) > 1e-12 * _length(v) * _length(s)
         H = np.where(learns[:, None, None], update(H, s, v), H)
-        length, size = (
-            np.maximum(_length(s), _length(_times(gauss_newton, new_gradient))),
-            _length(new),
-        )
+        length = np.maximum(_length(s), _length(_times(gauss_newton, new_gradient)))
+        size = _length(new)
         lost, stuck = ~np.isfinite(length), alpha == 0
-        stalled = (length <= ROUNDING * size) & ((length >= last) | stuck)
-        ending = np.select([lost, length <= tolerance * size, stalled, stuck], [1, 2, 3, 4], 0)
-        return (
-            np.where(lost[:, None], x, new),
-            H,
-            gauss_newton,
-            new_value,
-            new_gradient,
-            length,
-        ), ending
+        stalled = (length <= ROUNDING * size) & ((length >= state.length) | stuck)
+        new = np.where(lost[:, None], x, new)
+        return _State(new, H, gauss_newton, new_value, new_gradient, length), {
+            Ending.NOT_FINITE: lost,
+            Ending.SMALL_STEP: length <= tolerance * size,
+            Ending.ROUNDING: stalled,
+            Ending.NO_DESCENT: stuck,
+        }
 
-    endings = [
-        (False, "not converged: Φ or its gradient is not finite"),
-        (True, f"the relative step fell below {tolerance:g}"),
-        (True, "the step reached rounding level"),
-        (False, "not converged: no lower Φ was found along the direction of search"),
-    ]
     # a lost problem is reported by its ending
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         value, gradient = value_and_gradient(problem, x)
         gauss_newton = gauss_newton_cofactor(problem, x)
         H = gauss_newton if H_0 is None else H_0
-        state = (x, H, gauss_newton, 0.5 * value, gradient, np.full(len(x), np.inf))
-        ended = iterate(problem, state, advance, endings, max_iterations)
-    return ended.state[0], ended
+        start = _State(x, H, gauss_newton, 0.5 * value, gradient, np.full(len(x), np.inf))
+        state, convergence = iterate(problem, start, advance, max_iterations, tolerance)
+    return state.x, convergence
 
 
 def line_search(

@@ -8,7 +8,7 @@ its m + 1 rows: memory stays at a block and no moment matrix squares the conditi
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..blocks import pieces
 from ..checks import finite_array, one_of, positive, weight_array, whole_number
 from .algorithms import ALGORITHMS
 from .cofactors import CONVENTIONS
-from .iteration import ENDED, only_minima
+from .iteration import only_minima
 from .linalg import cofactor_from_factor, cofactor_from_normal, propagate, solve, unit_weight_sd
 from .problem import CommonCofactors, DenseCofactors, EIVProblem, RowCofactors
 from .steps import misclosures, objective
@@ -276,13 +276,9 @@ def wtls(
         options["watch"] = trace = _Trace(start)
     if H_0 == "identity":  # of Φ and x, hence 2 R Rᵀ of Φ/2 and R x
         options["H_0"] = 2.0 * cofactor_from_factor(root).reshape(-1, m, m)
-    scaled, ended = chosen.function(problem.flattened(), start.reshape(-1, m), **options)
+    scaled, convergence = chosen.function(problem.flattened(), start.reshape(-1, m), **options)
     scaled = scaled.reshape(lead + (m,))
-    ended = only_minima(
-        problem,
-        scaled,
-        replace(ended, **{name: getattr(ended, name).reshape(lead) for name in ENDED}),
-    )
+    convergence = only_minima(problem, scaled, convergence.reshape(lead))
     # a lost problem is reported by its ending
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         phi = objective(problem, scaled)
@@ -292,7 +288,7 @@ def wtls(
             objective=phi,
             sigma_0=unit_weight_sd(phi, n - m),
             history=trace.history(problem, root) if history else None,
-            **{name: getattr(ended, name)[()] for name in ENDED},
+            **{name: values[()] for name, values in vars(convergence).items()},
         )
 
 

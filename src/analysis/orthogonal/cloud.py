@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..adjustment.iteration import Ended
+from ..adjustment.iteration import Convergence
 from ..adjustment.wtls import triangular_factor
 from ..blocks import BLOCK, pieces
 
@@ -264,18 +264,11 @@ class Adjusted:
     """Result of an adjustment in the cloud's frame.
 
     x (B, s); cofactor (B, t, t) of the free parameters; sigma (B,) at cofactor 1; weights (B, n) or
-    None for ones; ended.
+    None for ones; convergence.
     """
 
     x: np.ndarray
     cofactor: np.ndarray
     sigma: np.ndarray
     weights: np.ndarray | None
-    ended: Ended
-
-
-def closed_form(x: np.ndarray) -> Ended:
-    """How solutions x (B, …) ended that took no iteration."""
-    count = len(x)
-    reason = np.full(count, "solved in closed form", dtype=object)
-    return Ended((x,), np.zeros(count, dtype=int), np.ones(count, dtype=bool), reason)
+    convergence: Convergence

@@ -22,11 +22,11 @@ distance for each.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..adjustment.iteration import iterate
+from ..adjustment.iteration import Ending, Stack, iterate
 from ..adjustment.linalg import cofactor_from_normal, solve
 from ..adjustment.weights import IGG3, WeightFunction
 from ..checks import positive, whole_number
@@ -90,18 +90,34 @@ def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterat
     sigma = spread / np.sqrt(np.mean(linearised(model, x, few)[2], axis=-1))
     if points.count > LARGE:
         near = _adjust(model, part, x, sigma, function, max_iterations)
-        found = near.ended.converged
+        found = near.convergence.converged
         x, sigma = np.where(found[:, None], near.x, x), np.where(found, near.sigma, sigma)
     return cloud.fit("robust", _adjust(model, points, x, sigma, function, max_iterations))
+
+
+@dataclass(frozen=True)
+class State(Stack):
+    """x, the scale to be used and the last step; weights, cofactor and scale found with the last
+    scale.
+    """
+
+    x: np.ndarray
+    sigma: np.ndarray
+    length: np.ndarray
+    weights: np.ndarray
+    cofactor: np.ndarray
+    last_sigma: np.ndarray
+    found: np.ndarray
 
 
 def _adjust(
     model, points: Observations, x, sigma, function: WeightFunction | None, max_iterations: int
 ) -> Adjusted:
     t = model.degrees
+    still = Ending.PARAMETERS if function is None else Ending.PARAMETERS_AND_SCALE
 
-    def advance(points: Observations, state):
-        x, sigma, last, weights, cofactor, last_sigma, last_found = state
+    def advance(points: Observations, state: State):
+        x, sigma, weights, cofactor = state.x, state.sigma, state.weights, state.cofactor
 
         def reweigh(part: slice, squares, J, variances) -> None:
             # Leverage and scale lag by one step; at the fixed point they belong to these residuals.
@@ -117,7 +133,7 @@ def _adjust(
         found, cofactor = _scale(sums, function, t), cofactor_from_normal(sums.N)
         lost = ~np.isfinite(length if function is None else length + found)
         small = length <= TOLERANCE
-        stalled = (length >= last) & (length <= STALLED)
+        stalled = (length >= state.length) & (length <= STALLED)
         if function is not None:
             # The scale of exact points is rounding and never settles.
             settled = np.abs(found - sigma) <= np.maximum(
@@ -125,13 +141,15 @@ def _adjust(
             )
             small, stalled = small & settled, stalled & settled
         new = np.where(lost[:, None], x, model.moved(x, step))
-        new_sigma = np.where(small, found, _secant(sigma, found, last_sigma, last_found))
-        return (new, new_sigma, length, weights, cofactor, sigma, found), np.select(
-            [lost, small, stalled], [1, 2, 3], 0
-        )
+        new_sigma = np.where(small, found, _secant(sigma, found, state.last_sigma, state.found))
+        return State(new, new_sigma, length, weights, cofactor, sigma, found), {
+            Ending.SINGULAR: lost,
+            still: small,
+            Ending.ROUNDING: stalled,
+        }
 
     count = len(points.points)
-    start = (
+    start = State(
         x,
         np.zeros(count) if sigma is None else sigma,
         np.full(count, np.inf),
@@ -140,25 +158,15 @@ def _adjust(
         np.full(count, np.nan),
         np.full(count, np.nan),
     )
-    endings = [
-        (False, "not converged: the normal equations became singular"),
-        (
-            True,
-            "the parameters stand still"
-            if function is None
-            else "parameters and scale stand still",
-        ),
-        (True, "the step reached rounding level"),
-    ]
-    ended = iterate(points, start, advance, endings, max_iterations)
-    x, _, _, weights, cofactor, _, sigma = ended.state
+    end, convergence = iterate(points, start, advance, max_iterations)
     # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
     factor = (
         1.0
         if function is None
         else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
     )
-    return Adjusted(x, factor * cofactor, sigma, None if function is None else weights, ended)
+    weights = None if function is None else end.weights
+    return Adjusted(end.x, factor * end.cofactor, end.found, weights, convergence)
 
 
 def _secant(sigma, found, last_sigma, last_found) -> np.ndarray:

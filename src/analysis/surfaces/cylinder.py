@@ -308,9 +308,9 @@ class CylinderCloud(Cloud):
             weights=np.broadcast_to(1.0, distances.shape)
             if adjusted.weights is None
             else adjusted.weights,
-            iterations=adjusted.ended.iterations,
-            converged=adjusted.ended.converged,
-            stop_reason=adjusted.ended.stop_reason,
+            iterations=adjusted.convergence.iterations,
+            converged=adjusted.convergence.converged,
+            stop_reason=adjusted.convergence.stop_reason,
             regular=x,
             regular_cofactor=cofactor,
         )

@@ -14,15 +14,15 @@ every point: inside, at the centre, on an axis.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..adjustment.iteration import Ended, iterate
+from ..adjustment.iteration import Convergence, Ending, Stack, iterate
 from ..adjustment.linalg import cofactor_from_normal, propagate, solve, unit_weight_sd
 from ..adjustment.weights import IGG3
 from ..checks import positive, whole_number
-from ..orthogonal.cloud import ROUNDING, Cloud, Points, closed_form, frame_of
+from ..orthogonal.cloud import ROUNDING, Cloud, Points, frame_of
 from ..result import Fit
 from .conic import (
     axes_of,
@@ -350,10 +350,17 @@ class EllipseCloud(Cloud):
         (``robust.Adjusted``).
         """
         return self._assembled(
-            method, adjusted.x, adjusted.cofactor, adjusted.sigma, adjusted.ended, adjusted.weights
+            method,
+            adjusted.x,
+            adjusted.cofactor,
+            adjusted.sigma,
+            adjusted.convergence,
+            adjusted.weights,
         )
 
-    def _assembled(self, method, x, cofactor, sigma_0, ended: Ended, weights=None) -> EllipseFit:
+    def _assembled(
+        self, method, x, cofactor, sigma_0, convergence: Convergence, weights=None
+    ) -> EllipseFit:
         length = self.length[:, None]
         regular = length * x
         regular[:, :2] += self.origin
@@ -366,7 +373,7 @@ class EllipseCloud(Cloud):
             distances[:, piece] = self.model.linearised(
                 centred, self.points[:, piece] - self.origin[:, None]
             )[0]
-        endless = ~(x[:, 2] <= np.where(ended.converged, LARGEST, LARGE))
+        endless = ~(x[:, 2] <= np.where(convergence.converged, LARGEST, LARGE))
         return EllipseFit(
             method=method,
             parameters=parameters,
@@ -374,9 +381,9 @@ class EllipseCloud(Cloud):
             sigma_0=sigma_0,
             distances=distances,
             weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,
-            iterations=ended.iterations,
-            converged=ended.converged & ~endless,
-            stop_reason=np.where(endless, NO_ELLIPSE, ended.stop_reason),
+            iterations=convergence.iterations,
+            converged=convergence.converged & ~endless,
+            stop_reason=np.where(endless, NO_ELLIPSE, convergence.stop_reason),
             regular=regular,
             regular_cofactor=regular_cofactor,
         )
@@ -440,7 +447,18 @@ def direct(cloud: EllipseCloud) -> EllipseFit:
     d, _ = cloud.model.linearised(x, points.D)
     sigma = unit_weight_sd(np.sum(d * d / points.variances, axis=-1), cloud.count - PARAMETERS)
     cofactor = _algebraic_cofactor(x, points, np.ones_like(d))
-    return cloud._assembled("direct", x, cofactor, sigma, _only_ellipses(closed_form(x), natural))
+    return cloud._assembled(
+        "direct", x, cofactor, sigma, _only_ellipses(Convergence.closed_form(len(x)), natural)
+    )
+
+
+@dataclass(frozen=True)
+class State(Stack):
+    """x, and the scale and weights that it was found with."""
+
+    x: np.ndarray
+    sigma: np.ndarray
+    weights: np.ndarray
 
 
 def robust_direct(
@@ -461,43 +479,35 @@ def robust_direct(
     model, n = cloud.model, cloud.count
     redundancy = n / (n - PARAMETERS) if n > PARAMETERS else 1.0
 
-    def advance(points: Points, state):
-        x, _, _ = state
-        u = np.abs(model.linearised(x, points.D)[0]) / np.sqrt(points.variances)
+    def advance(points: Points, state: State):
+        u = np.abs(model.linearised(state.x, points.D)[0]) / np.sqrt(points.variances)
         sigma = MAD * redundancy * np.median(u, axis=-1)
         weights = function.weight(
             u / np.maximum(sigma[:, None], ROUNDING / np.sqrt(points.variances))
         )
         new = model.algebraic(points.D, weights / points.variances)
-        change = np.max(np.abs(new - x), axis=-1)
+        change = np.max(np.abs(new - state.x), axis=-1)
         lost = ~np.isfinite(change)
-        return (np.where(lost[:, None], x, new), sigma, weights), np.select(
-            [lost, change <= STANDS_STILL], [1, 2], 0
-        )
+        return State(np.where(lost[:, None], state.x, new), sigma, weights), {
+            Ending.NO_ELLIPSE: lost,
+            Ending.ELLIPSE: change <= STANDS_STILL,
+        }
 
-    endings = [
-        (False, "not converged: the points in use determine no ellipse"),
-        (True, "the ellipse stands still"),
-    ]
     points = cloud.observations().all()
-    start = (cloud.start(), np.zeros(len(points.D)), np.ones((len(points.D), n)))
-    ended = iterate(points, start, advance, endings, max_iterations)
-    x, sigma, weights = ended.state
+    start = State(cloud.start(), np.zeros(len(points.D)), np.ones((len(points.D), n)))
+    end, convergence = iterate(points, start, advance, max_iterations)
+    x, sigma, weights = end.x, end.sigma, end.weights
     factor = function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
     cofactor = factor * _algebraic_cofactor(x, points, weights)
     _, natural = direct_from_points(points.D, weights / points.variances)
     return cloud._assembled(
-        "robust_direct", x, cofactor, sigma, _only_ellipses(ended, natural), weights
+        "robust_direct", x, cofactor, sigma, _only_ellipses(convergence, natural), weights
     )
 
 
-def _only_ellipses(ended: Ended, natural: np.ndarray) -> Ended:
-    """Take back the convergence where only the condition makes an ellipse of the conic."""
-    return replace(
-        ended,
-        converged=ended.converged & natural,
-        stop_reason=np.where(natural, ended.stop_reason, NOT_NATURAL),
-    )
+def _only_ellipses(convergence: Convergence, natural: np.ndarray) -> Convergence:
+    """Mark as not converged where only the condition makes an ellipse of the conic."""
+    return convergence.failed_where(~natural, NOT_NATURAL)
 
 
 def _algebraic_cofactor(x: np.ndarray, points: Points, weights: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..adjustment.algorithms import ALGORITHMS
 from ..adjustment.cofactors import gauss_newton_cofactor
-from ..adjustment.iteration import Ended, only_minima, solved
+from ..adjustment.iteration import Convergence, iterate_to_convergence, only_minima
 from ..adjustment.linalg import propagate, unit_weight_sd
 from ..adjustment.problem import CommonCofactors, EIVProblem, IndependentRows
 from ..adjustment.steps import newton_step, objective
@@ -29,7 +29,7 @@ from ..adjustment.wtls import Estimate
 from ..adjustment.wtls import ls as least_squares
 from ..adjustment.wtls import tls as total_least_squares
 from ..checks import one_of, whole_number
-from ..orthogonal.cloud import Adjusted, Cloud, closed_form, frame_of
+from ..orthogonal.cloud import Adjusted, Cloud, frame_of
 from ..result import Fit
 
 PARAMETERS = 3
@@ -265,7 +265,7 @@ class PlaneCloud(Cloud):
         return self._assembled(
             method,
             adjusted.sigma,
-            adjusted.ended,
+            adjusted.convergence,
             adjusted.weights,
             (parameters, cofactor),
             (n, offset, normal_cofactor),
@@ -273,7 +273,14 @@ class PlaneCloud(Cloud):
         )
 
     def finished(
-        self, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()
+        self,
+        method,
+        x,
+        cofactor,
+        sigma_0,
+        convergence: Convergence | None = None,
+        weights=None,
+        history=(),
     ) -> PlaneFit:
         """The result in m from slopes x = (a, b, c) and their cofactor in the cloud's frame."""
         parameters, J = self.in_metres(x)
@@ -283,13 +290,21 @@ class PlaneCloud(Cloud):
             propagate(cofactor, J),
             self.length * x[:, 2],
             sigma_0,
-            ended,
+            convergence,
             weights,
             history,
         )
 
     def described(
-        self, method, parameters, cofactor, height, sigma_0, ended=None, weights=None, history=()
+        self,
+        method,
+        parameters,
+        cofactor,
+        height,
+        sigma_0,
+        convergence=None,
+        weights=None,
+        history=(),
     ) -> PlaneFit:
         """The result from (a, b, c) with its cofactor, and the height (B,) of the plane over the
         centroid, all in m.
@@ -307,7 +322,7 @@ class PlaneCloud(Cloud):
         return self._assembled(
             method,
             sigma_0,
-            ended or closed_form(parameters),
+            convergence or Convergence.closed_form(len(parameters)),
             weights,
             (parameters, cofactor),
             geometry,
@@ -316,7 +331,7 @@ class PlaneCloud(Cloud):
         )
 
     def _assembled(
-        self, method, sigma_0, ended: Ended, weights, slopes, geometry, h, history=()
+        self, method, sigma_0, convergence: Convergence, weights, slopes, geometry, h, history=()
     ) -> PlaneFit:
         parameters, cofactor = slopes
         normal, offset, normal_cofactor = geometry
@@ -324,7 +339,7 @@ class PlaneCloud(Cloud):
         for piece in self.pieces():
             D = self.points[:, piece] - self.origin[:, None, :]
             distances[:, piece] = (D @ normal[..., None])[..., 0] - h[:, None]
-        lost = ~np.isfinite(normal).all(axis=-1) & ended.converged
+        lost = ~np.isfinite(normal).all(axis=-1) & convergence.converged
         return PlaneFit(
             method=method,
             parameters=parameters,
@@ -332,12 +347,12 @@ class PlaneCloud(Cloud):
             sigma_0=sigma_0,
             distances=distances,
             weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,
-            iterations=ended.iterations,
-            converged=ended.converged & ~lost,
+            iterations=convergence.iterations,
+            converged=convergence.converged & ~lost,
             stop_reason=np.where(
                 lost,
                 "no plane: total least squares has no solution for these points",
-                ended.stop_reason,
+                convergence.stop_reason,
             ),
             history=history,
             normal=normal,
@@ -499,16 +514,16 @@ def wtls(
     iterations = np.zeros(len(x), dtype=int)
     for _ in range(1 + reweightings):
         problem = cloud.printed(1.0, x, cosine_at).problem
-        x, ended = minimise(problem, x, tolerance=1e-14, max_iterations=max_iterations)
-        iterations += ended.iterations
-    ended = only_minima(problem, x, ended)
+        x, convergence = minimise(problem, x, tolerance=1e-14, max_iterations=max_iterations)
+        iterations += convergence.iterations
+    convergence = only_minima(problem, x, convergence)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
     return cloud.finished(
         "wtls",
         x,
         gauss_newton_cofactor(problem, x),
         sigma_0,
-        Ended((x,), iterations, ended.converged, ended.stop_reason),
+        Convergence(iterations, convergence.converged, convergence.stop_reason),
     )
 
 
@@ -553,7 +568,7 @@ def _principal_components(cloud: PlaneCloud) -> Adjusted:
     J[:, 2, :2] = (mean[:, None, :] @ T)[:, 0]
     cofactor = propagate(cofactor, J) / cloud.length[:, None, None] ** 2
     sigma = cloud.length * unit_weight_sd(cloud.extents[:, 2] ** 2, cloud.count - PARAMETERS)
-    return Adjusted(x, cofactor, sigma, None, closed_form(x))
+    return Adjusted(x, cofactor, sigma, None, Convergence.closed_form(len(x)))
 
 
 def _orthogonal(cloud: PlaneCloud, max_iterations: int) -> Adjusted:
@@ -573,10 +588,10 @@ def _orthogonal(cloud: PlaneCloud, max_iterations: int) -> Adjusted:
     # something
     rows[:, 3] += 1.0
     problem = EIVProblem(rows, RotatedCofactors(cloud.cofactors, axes))
-    x, ended = solved(
+    x, convergence = iterate_to_convergence(
         problem, np.tile([0.0, 0.0, 1.0], (len(axes), 1)), newton_step, 1e-14, max_iterations
     )
-    ended = only_minima(problem, x, ended)
+    convergence = only_minima(problem, x, convergence)
     # From (α, β, γ) to the normal and h, and to its rotations.
     w = np.concatenate([-x[:, :2], np.ones((len(x), 1))], axis=-1)
     scale = 1.0 / np.linalg.norm(w, axis=-1, keepdims=True)
@@ -589,7 +604,7 @@ def _orthogonal(cloud: PlaneCloud, max_iterations: int) -> Adjusted:
     cofactor = propagate(gauss_newton_cofactor(problem, x), J) / cloud.length[:, None, None] ** 2
     # The cofactors are in m² and the rows in units of the length.
     sigma = cloud.length * unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
-    return Adjusted(np.concatenate([n, h], axis=-1), cofactor, sigma, None, ended)
+    return Adjusted(np.concatenate([n, h], axis=-1), cofactor, sigma, None, convergence)
 
 
 @dataclass(frozen=True)

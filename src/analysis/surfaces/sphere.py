@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..adjustment.cofactors import gauss_newton_cofactor
-from ..adjustment.iteration import Ended, only_minima, solved
+from ..adjustment.iteration import Convergence, iterate_to_convergence, only_minima
 from ..adjustment.linalg import cofactor_from_factor, propagate, solve, unit_weight_sd
 from ..adjustment.problem import CommonCofactors, EIVProblem, IndependentRows
 from ..adjustment.steps import (
@@ -32,7 +32,7 @@ from ..adjustment.steps import (
 )
 from ..adjustment.wtls import smallest_singular_solution
 from ..checks import positive, whole_number
-from ..orthogonal.cloud import Adjusted, Cloud, closed_form, frame_of
+from ..orthogonal.cloud import Adjusted, Cloud, frame_of
 from ..result import Fit
 
 PARAMETERS = 4
@@ -258,7 +258,7 @@ class SphereCloud(Cloud):
         cofactor = np.zeros((len(parameters), PARAMETERS, PARAMETERS))
         cofactor[:, :t, :t] = adjusted.cofactor * length[..., None] ** 2
         return self._assembled(
-            method, parameters, cofactor, adjusted.sigma, adjusted.ended, adjusted.weights
+            method, parameters, cofactor, adjusted.sigma, adjusted.convergence, adjusted.weights
         )
 
     def least_squares(self) -> np.ndarray:
@@ -285,7 +285,14 @@ class SphereCloud(Cloud):
         return PrintedSphere(problem, self.origin, self.length)
 
     def finished(
-        self, method, x, cofactor, sigma_0, ended: Ended | None = None, weights=None, history=()
+        self,
+        method,
+        x,
+        cofactor,
+        sigma_0,
+        convergence: Convergence | None = None,
+        weights=None,
+        history=(),
     ) -> SphereFit:
         """The result in m from x = (k, δ) and its cofactor in the cloud's frame."""
         parameters, J = geometry(self.origin, self.length, x)
@@ -294,19 +301,26 @@ class SphereCloud(Cloud):
             parameters,
             propagate(cofactor, J),
             sigma_0,
-            ended or closed_form(x),
+            convergence or Convergence.closed_form(len(x)),
             weights,
             history,
         )
 
     def _assembled(
-        self, method, parameters, cofactor, sigma_0, ended: Ended, weights=None, history=()
+        self,
+        method,
+        parameters,
+        cofactor,
+        sigma_0,
+        convergence: Convergence,
+        weights=None,
+        history=(),
     ) -> SphereFit:
         distances = np.empty(self.points.shape[:2])
         for piece in self.pieces():
             D = self.points[:, piece] - parameters[:, None, :3]
             distances[:, piece] = np.sqrt(np.einsum("bni,bni->bn", D, D)) - parameters[:, None, 3]
-        imaginary = np.isnan(parameters[:, 3]) & ended.converged
+        imaginary = np.isnan(parameters[:, 3]) & convergence.converged
         return SphereFit(
             method=method,
             parameters=parameters,
@@ -314,12 +328,12 @@ class SphereCloud(Cloud):
             sigma_0=sigma_0,
             distances=distances,
             weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,
-            iterations=ended.iterations,
-            converged=ended.converged & ~imaginary,
+            iterations=convergence.iterations,
+            converged=convergence.converged & ~imaginary,
             stop_reason=np.where(
                 imaginary,
                 "no real sphere: the squared radius δ + |k|² came out negative",
-                ended.stop_reason,
+                convergence.stop_reason,
             ),
             history=history,
         )
@@ -482,16 +496,16 @@ def wtls(
     """
     whole_number(max_iterations, "max_iterations")
     problem = cloud.printed(positive(unit_weight, "unit_weight")).problem
-    x, ended = solved(
+    x, convergence = iterate_to_convergence(
         problem,
         cloud.least_squares(),
         schaffrin_wieser_step,
         positive(tolerance, "tolerance"),
         max_iterations,
     )
-    ended = only_minima(problem, x, ended)
+    convergence = only_minima(problem, x, convergence)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
-    return cloud.finished("wtls", x, gauss_newton_cofactor(problem, x), sigma_0, ended)
+    return cloud.finished("wtls", x, gauss_newton_cofactor(problem, x), sigma_0, convergence)
 
 
 # a sphere that shrinks onto a point is reported by its ending
@@ -518,15 +532,15 @@ def eiv(cloud: SphereCloud, *, max_iterations: int = 100) -> SphereFit:
         free, radius = PARAMETERS - 1, cloud.held_radius / cloud.length
         x[:, 3] = radius**2 - np.sum(x[:, :3] ** 2, axis=-1)
         step = _newton_step_at_held_radius
-    x, ended = solved(problem, x, step, 1e-14, max_iterations)
+    x, convergence = iterate_to_convergence(problem, x, step, 1e-14, max_iterations)
     if cloud.held_radius is None:
-        ended = only_minima(problem, x, ended)
+        convergence = only_minima(problem, x, convergence)
     sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - free)
     cofactor = gauss_newton_cofactor(problem, x)
     if cloud.held_radius is not None:
         P = _tangent(x)
         cofactor = P @ solve(P.swapaxes(-1, -2) @ solve(cofactor, P), P.swapaxes(-1, -2))
-    return cloud.finished("eiv", x, cofactor, sigma_0, ended)
+    return cloud.finished("eiv", x, cofactor, sigma_0, convergence)
 
 
 def _tangent(x: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 import analysis
 from analysis.adjustment.problem import CommonCofactors, EIVProblem
-from analysis.adjustment.quasi_newton import ARMIJO, CURVATURE, bfgs, dfp, line_search, minimised
+from analysis.adjustment.quasi_newton import ARMIJO, CURVATURE, bfgs, dfp, line_search, minimise
 from analysis.adjustment.steps import objective, value_and_gradient
 from studies.ou_liu_2017 import clouds
 
@@ -130,10 +130,10 @@ def test_rounding_does_not_stop_it_early(update):
     A, y, P, problem, *_ = planes()
     start = np.linalg.lstsq(A[0], y[0], rcond=None)[0] + 0.1
     starts = np.tile(start, (40, 1))
-    x, ended = minimised(
+    x, convergence = minimise(
         problem, starts, update, 1e-14, 500, H_0=np.broadcast_to(2.0 * np.eye(3), (40, 3, 3))
     )
-    assert ended.converged.all()
+    assert convergence.converged.all()
     for i in range(40):
         newton = analysis.wtls(A[i], y[i], Q_0=np.diag([1.0, 1.0, 0.0]), Q_X=1 / P, Q_y=1 / P)
         np.testing.assert_allclose(x[i], newton.x, rtol=1e-11)
@@ -150,9 +150,9 @@ def test_hessian_gone_wrong_is_begun_anew(update):
     A, y, _, problem, *_ = planes()
     starts = np.array([np.linalg.lstsq(A[i], y[i], rcond=None)[0] for i in range(40)])
     bad = np.broadcast_to(-np.eye(3), (40, 3, 3))
-    x, ended = minimised(problem, starts, update, 1e-14, 200, H_0=bad)
-    good, _ = minimised(problem, starts, update, 1e-14, 200)
-    assert ended.converged.all()
+    x, convergence = minimise(problem, starts, update, 1e-14, 200, H_0=bad)
+    good, _ = minimise(problem, starts, update, 1e-14, 200)
+    assert convergence.converged.all()
     np.testing.assert_allclose(x, good, rtol=1e-12)
 
 
@@ -170,9 +170,9 @@ def test_small_steps_alone_are_no_convergence(update):
         np.vstack([columns.T, w])[None], CommonCofactors(C, np.ones((1, 500)), w[None])
     )
     start = (columns.T @ w)[None]
-    x, ended = minimised(problem, start, update, 1e-14, 1000, H_0=2.0 * np.eye(4)[None])
-    good, _ = minimised(problem, start, update, 1e-14, 1000)
-    assert ended.converged.all() and ended.iterations[0] > 15
+    x, convergence = minimise(problem, start, update, 1e-14, 1000, H_0=2.0 * np.eye(4)[None])
+    good, _ = minimise(problem, start, update, 1e-14, 1000)
+    assert convergence.converged.all() and convergence.iterations[0] > 15
     np.testing.assert_allclose(x, good, rtol=1e-11)
 
 
