@@ -97,10 +97,10 @@ def covariance_array(values, shape: tuple[int, ...], name: str) -> np.ndarray:
     return array
 
 
-def positive(value, name: str) -> float:
+def check_positive(value, name: str) -> float:
     """``value`` as a positive finite float.
 
-    >>> positive(0, "k0")
+    >>> check_positive(0, "k0")
     Traceback (most recent call last):
         ...
     ValueError: k0: expected a positive finite number, got 0
@@ -114,10 +114,10 @@ def positive(value, name: str) -> float:
     return number
 
 
-def whole_number(value, name: str) -> int:
+def check_whole_number(value, name: str) -> int:
     """``value`` as a positive whole number.
 
-    >>> whole_number(2.5, "max_iterations")
+    >>> check_whole_number(2.5, "max_iterations")
     Traceback (most recent call last):
         ...
     ValueError: max_iterations: expected a positive whole number, got 2.5
@@ -127,7 +127,7 @@ def whole_number(value, name: str) -> int:
     return int(value)
 
 
-def one_of(value, known, name: str):
+def check_one_of(value, known, name: str):
     """``value`` if it is among ``known``, else an error that lists them."""
     # a list, so that what cannot be hashed is refused like everything else
     if value not in list(known):

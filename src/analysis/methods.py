@@ -13,7 +13,14 @@ import numpy as np
 
 from .adjustment import igg3
 from .blocks import BLOCK, pieces
-from .checks import covariance_array, finite_array, one_of, point_array, positive, weight_array
+from .checks import (
+    check_one_of,
+    check_positive,
+    covariance_array,
+    finite_array,
+    point_array,
+    weight_array,
+)
 from .orthogonal import gauss_helmert
 from .result import Fit, joined, warn_if_not_converged
 from .surfaces import cylinder, ellipse, plane, sphere
@@ -223,7 +230,7 @@ def fit_sphere(
     >>> fit.center.round(9), round(float(fit.radius), 9)
     (array([10., 10.,  1.]), 2.0)
     """
-    held = {} if radius is None else {"radius": positive(radius, "radius")}
+    held = {} if radius is None else {"radius": check_positive(radius, "radius")}
     return _fitted(SPHERE, points, method, cofactors, weights, absolute, seed, held, method_options)
 
 
@@ -360,7 +367,7 @@ def _fitted(
     """The part of every ``fit_*`` that is the same: arguments checked, the stack solved a block of
     clouds at a time, the fits joined.
     """
-    chosen = geometry.methods[one_of(method, geometry.methods, "method")]
+    chosen = geometry.methods[check_one_of(method, geometry.methods, "method")]
     points = point_array(points, geometry.dimension, geometry.minimum, geometry.name)
     lead, n, dim = points.shape[:-2], points.shape[-2], points.shape[-1]
     full = None

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import finite_array, point_array, positive
+from .checks import check_positive, finite_array, point_array
 
 ARC_SECOND = np.pi / 648_000  # rad
 
@@ -70,9 +70,9 @@ class Scanner:
 
     def __post_init__(self):
         for name in ("range_sd", "angle_sd"):
-            positive(getattr(self, name), name)
+            check_positive(getattr(self, name), name)
         if self.azimuth_sd is not None:
-            positive(self.azimuth_sd, "azimuth_sd")
+            check_positive(self.azimuth_sd, "azimuth_sd")
         for name in (
             "range_rate",
             "incidence_exponent",

@@ -36,9 +36,9 @@ from scipy.stats import f as fisher
 
 from .adjustment.iteration import Ending, Stack, iterate
 from .adjustment.linalg import cofactor_from_normal, propagate, solve, unit_weight_sd
-from .adjustment.weights import IGG3
+from .adjustment.weights import EFFICIENT_THRESHOLDS, IGG3
 from .blocks import BLOCK, pieces
-from .checks import covariance_array, finite_array, positive, weight_array, whole_number
+from .checks import check_positive, check_whole_number, covariance_array, finite_array, weight_array
 from .result import warn_if_not_converged
 
 SMALLEST = 3  # pairs that determine a similarity
@@ -336,7 +336,7 @@ def thirteen_parameters(
     >>> round(float(solution.scale), 12), solution.translation.round(12)
     (2.0, array([1., 2., 3.]))
     """
-    whole_number(max_iterations, "max_iterations")
+    check_whole_number(max_iterations, "max_iterations")
     x, X = _paired(source, target)
     lead, n = x.shape[:-2], x.shape[-2]
     w = np.ones(lead + (n,)) if weights is None else weight_array(weights, lead + (n,))
@@ -495,7 +495,7 @@ def fit_similarity(
     >>> similarity.translation.round(9), similarity.inliers
     (array([1., 2., 3.]), array([ True,  True,  True,  True, False]))
     """
-    whole_number(max_iterations, "max_iterations")
+    check_whole_number(max_iterations, "max_iterations")
     x, X = _paired(source, target, SMALLEST + 1 if robust else SMALLEST)
     if absolute and source_cofactors is None and target_cofactors is None:
         raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
@@ -564,7 +564,7 @@ def _adjust(
     pairs: _Pairs, free_scale: bool, robust: bool, absolute: bool, seed: int, max_iterations: int
 ) -> dict[str, np.ndarray]:
     """Fields of :class:`Similarity` for a stack; ``image`` about the centroid."""
-    function = IGG3(2.5, 4.0, 1) if robust else None
+    function = IGG3(*EFFICIENT_THRESHOLDS) if robust else None
     t = 7 if free_scale else 6
     count, n = pairs.w.shape
     if robust:
@@ -863,7 +863,7 @@ def _cofactors(values, shape: tuple[int, ...], name: str) -> np.ndarray:
     if array.ndim >= 3 and array.shape[-3:] == (shape[-1], 3, 3):
         return covariance_array(array, shape + (3, 3), name)
     variances = (
-        np.full(shape, positive(array, name))
+        np.full(shape, check_positive(array, name))
         if array.ndim == 0
         else weight_array(array, shape, name)
     )

@@ -15,7 +15,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from analysis.blocks import pieces
-from analysis.checks import point_array, positive, real_array
+from analysis.checks import check_positive, point_array, real_array
 from analysis.methods import SPHERE_METHODS, fit_sphere
 from analysis.result import ConvergenceWarning
 from analysis.surfaces.sphere import SphereFit
@@ -79,9 +79,10 @@ def sphere_study(
     truth = real_array(truth, "truth")
     if truth.shape != (4,):
         raise ValueError(f"truth: expected (a, b, c, r), got shape {truth.shape}")
-    tasks = pieces(len(points), int(positive(chunk, "chunk")))
+    tasks = pieces(len(points), int(check_positive(chunk, "chunk")))
     workers = min(
-        len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers"))
+        len(tasks),
+        joblib.cpu_count() if workers is None else int(check_positive(workers, "workers")),
     )
     # One BLAS thread a worker: the matrices are tiny, and the cores are busy with other clouds.
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):

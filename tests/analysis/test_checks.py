@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from analysis.blocks import BLOCK, pieces
-from analysis.checks import finite_array, one_of, point_array, positive, real_array, weight_array
+from analysis.checks import (
+    check_one_of,
+    check_positive,
+    finite_array,
+    point_array,
+    real_array,
+    weight_array,
+)
 
 
 @pytest.mark.parametrize(
@@ -111,18 +118,18 @@ def test_weights():
 
 @pytest.mark.parametrize("value", [1, 0.5, np.float32(2), np.array(3.0), "1e-3"])
 def test_positive_numbers_pass(value):
-    assert positive(value, "x") == float(value)
+    assert check_positive(value, "x") == float(value)
 
 
 @pytest.mark.parametrize("value", [0, -1, np.nan, np.inf, "a", None, [1, 2], 1j])
 def test_other_values_are_refused(value):
     with pytest.raises(ValueError, match="^x: expected a positive finite number, got "):
-        positive(value, "x")
+        check_positive(value, "x")
 
 
 def test_one_of_lists_the_known():
-    assert one_of("b", {"a": 1, "b": 2}, "x") == "b"
+    assert check_one_of("b", {"a": 1, "b": 2}, "x") == "b"
     with pytest.raises(ValueError, match="^x: expected one of a, b; got 'c'$"):
-        one_of("c", {"a": 1, "b": 2}, "x")
+        check_one_of("c", {"a": 1, "b": 2}, "x")
     with pytest.raises(ValueError, match=r"^x: expected one of a, b; got \['a'\]$"):
-        one_of(["a"], {"a": 1, "b": 2}, "x")
+        check_one_of(["a"], {"a": 1, "b": 2}, "x")

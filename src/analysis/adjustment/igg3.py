@@ -17,17 +17,14 @@ from typing import Protocol
 
 import numpy as np
 
-from ..checks import one_of, positive, whole_number
+from ..checks import check_one_of, check_positive, check_whole_number
 from ..result import Fit, Iteration, rms
 from .cofactors import gauss_newton_cofactor
 from .iteration import Ending, Stack, iterate
 from .linalg import solve, unit_weight_sd
 from .problem import EIVProblem
 from .steps import misclosures, objective, schaffrin_wieser_step
-from .weights import IGG3
-
-# 1/Φ⁻¹(3/4): the median absolute deviation of a normal variable as a standard deviation
-MAD_TO_SD = 1.482602218505602
+from .weights import IGG3, MAD_TO_SD, PRINTED_THRESHOLDS
 
 
 class Printed(Protocol):
@@ -66,8 +63,8 @@ def igg3_wtls(
     power: int = 1,
     cumulative: bool = True,
     unit_weight: float = 1.0,
-    k0: float = 1.5,
-    k1: float = 2.5,
+    k0: float = PRINTED_THRESHOLDS[0],
+    k1: float = PRINTED_THRESHOLDS[1],
     tolerance: float = 1e-6,
     start: str = "Q_Y",
     max_iterations: int = 1000,
@@ -97,12 +94,12 @@ def igg3_wtls(
 
     Source: Ou & Liu 2017, eqs. (11)-(18).
     """
-    function = IGG3(positive(k0, "k0"), positive(k1, "k1"), power)
-    estimate_scale = SCALES[one_of(scale, SCALES, "scale")]
-    tolerance = positive(tolerance, "tolerance")
-    base = positive(unit_weight, "unit_weight")
-    one_of(start, ("Q_Y", "P_Y"), "start")
-    whole_number(max_iterations, "max_iterations")
+    function = IGG3(check_positive(k0, "k0"), check_positive(k1, "k1"), power)
+    estimate_scale = SCALES[check_one_of(scale, SCALES, "scale")]
+    tolerance = check_positive(tolerance, "tolerance")
+    base = check_positive(unit_weight, "unit_weight")
+    check_one_of(start, ("Q_Y", "P_Y"), "start")
+    check_whole_number(max_iterations, "max_iterations")
     if history and cloud.first is not None:
         raise ValueError("history: expected a single cloud, got a stack")
 

@@ -37,6 +37,15 @@ __all__ = [
     "WeightFunction",
 ]
 
+# thresholds (k0, k1) of IGG III: as Ou & Liu print them, and those of the robust fits, which are
+# 98 % efficient at the normal law
+PRINTED_THRESHOLDS = (1.5, 2.5)
+EFFICIENT_THRESHOLDS = (2.5, 4.0)
+# 1/Φ⁻¹(3/4), which makes the median absolute deviation a standard deviation at the normal law; and
+# rounded as it is usually printed
+MAD_TO_SD = 1.482602218505602
+ROUNDED_MAD_TO_SD = 1.4826
+
 
 def _magnitude(u):
     """|u| as a new float64 array, made in one pass whatever the shape and type of u."""
@@ -173,8 +182,8 @@ class IGG3(WeightFunction):
     0.766 0.696
     """
 
-    k0: float = 1.5
-    k1: float = 2.5
+    k0: float = PRINTED_THRESHOLDS[0]
+    k1: float = PRINTED_THRESHOLDS[1]
     power: int = 1
 
     def __post_init__(self):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..blocks import pieces
-from ..checks import finite_array, one_of, positive, weight_array, whole_number
+from ..checks import check_one_of, check_positive, check_whole_number, finite_array, weight_array
 from .algorithms import ALGORITHMS
 from .cofactors import CONVENTIONS
 from .iteration import only_minima
@@ -154,7 +154,7 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
     """
     rows = _rows(A, y)
     m = rows.shape[-2] - 1
-    exact = [one_of(column, range(-m, m), "exact_columns") % m for column in exact_columns]
+    exact = [check_one_of(column, range(-m, m), "exact_columns") % m for column in exact_columns]
     if len(set(exact)) != len(exact):
         raise ValueError(f"exact_columns: expected distinct columns, got {list(exact_columns)}")
     noisy = [column for column in range(m) if column not in exact]
@@ -252,14 +252,17 @@ def wtls(
     >>> line.x.round(12), bool(line.converged)
     (array([1., 2.]), True)
     """
-    chosen = ALGORITHMS[one_of(algorithm, ALGORITHMS, "algorithm")]
-    if one_of(H_0, ("gauss_newton", "identity"), "H_0") == "identity" and not chosen.takes_H_0:
+    chosen = ALGORITHMS[check_one_of(algorithm, ALGORITHMS, "algorithm")]
+    if (
+        check_one_of(H_0, ("gauss_newton", "identity"), "H_0") == "identity"
+        and not chosen.takes_H_0
+    ):
         raise ValueError(
             f"H_0: expected 'identity' with bfgs or dfp only, got it with {algorithm!r}"
         )
-    cofactor_of = CONVENTIONS[one_of(accuracy, CONVENTIONS, "accuracy")]
-    tolerance = positive(tolerance, "tolerance")
-    whole_number(max_iterations, "max_iterations")
+    cofactor_of = CONVENTIONS[check_one_of(accuracy, CONVENTIONS, "accuracy")]
+    tolerance = check_positive(tolerance, "tolerance")
+    check_whole_number(max_iterations, "max_iterations")
     rows = _rows(A, y)
     lead = rows.shape[:-2]
     if history and lead:

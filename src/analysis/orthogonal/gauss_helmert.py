@@ -28,8 +28,8 @@ import numpy as np
 
 from ..adjustment.iteration import Ending, Stack, iterate
 from ..adjustment.linalg import cofactor_from_normal, solve
-from ..adjustment.weights import IGG3, WeightFunction
-from ..checks import positive, whole_number
+from ..adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, WeightFunction
+from ..checks import check_positive, check_whole_number
 from .cloud import ROUNDING, Adjusted, GeometricModel, Observations, Points
 from .least_trimmed_squares import SUBSET, least_trimmed_squares
 
@@ -58,14 +58,21 @@ def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100
 
     Source: Pope 1972; Neitzel 2010.
     """
-    whole_number(max_iterations, "max_iterations")
+    check_whole_number(max_iterations, "max_iterations")
     adjusted = _adjust(cloud.model, cloud.observations(), cloud.start(), None, None, max_iterations)
     if bias_correction:
         adjusted = replace(adjusted, x=adjusted.x - cloud.bias(adjusted.x, adjusted.sigma))
     return cloud.fit("geometric", adjusted)
 
 
-def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterations: int = 1000):
+def robust(
+    cloud,
+    *,
+    seed: int = 0,
+    k0: float = EFFICIENT_THRESHOLDS[0],
+    k1: float = EFFICIENT_THRESHOLDS[1],
+    max_iterations: int = 1000,
+):
     """High-breakdown orthogonal distance fit with honest covariance: the default, and what to use
     on real scans.
 
@@ -81,8 +88,8 @@ def robust(cloud, *, seed: int = 0, k0: float = 2.5, k1: float = 4.0, max_iterat
     Source: Rousseeuw & Van Driessen 2006 (start); Yang, Song & Xu 2002 (IGG III); Huber 1981,
     section 7.6 (covariance).
     """
-    function = IGG3(positive(k0, "k0"), positive(k1, "k1"), 1)
-    whole_number(max_iterations, "max_iterations")
+    function = IGG3(check_positive(k0, "k0"), check_positive(k1, "k1"), 1)
+    check_whole_number(max_iterations, "max_iterations")
     model, points = cloud.model, cloud.observations()
     part = points.drawn(LARGE, seed)
     few = part.drawn(SUBSET, seed).all()

@@ -34,7 +34,7 @@ from scipy.stats import t as student
 
 from ..adjustment.linalg import solve
 from ..blocks import BLOCK, pieces
-from ..checks import covariance_array, one_of, point_array, positive, weight_array
+from ..checks import check_one_of, check_positive, covariance_array, point_array, weight_array
 from ..result import Fit
 from .cloud import Points
 from .gauss_helmert import linearised
@@ -77,7 +77,7 @@ class Reliability:
         """
         alpha, p = _probability(alpha, "alpha"), self.p_values
         n = p.shape[-1]
-        if one_of(correction, CORRECTIONS, "correction") == "fdr":
+        if check_one_of(correction, CORRECTIONS, "correction") == "fdr":
             ordered = np.sort(p, axis=-1)
             below = ordered <= alpha * np.arange(1, n + 1) / n
             return p <= np.max(np.where(below, ordered, -1.0), axis=-1, keepdims=True)
@@ -123,7 +123,7 @@ def reliability(
 
     Source: Baarda 1968; Pope 1976.
     """
-    one_of(fit.method, METHODS, "method of the fit")
+    check_one_of(fit.method, METHODS, "method of the fit")
     model, x, derivative = fit.surface()
     t = model.degrees
     lead, n = fit.distances.shape[:-1], fit.distances.shape[-1]
@@ -136,7 +136,7 @@ def reliability(
     if fit.absolute and sigma is None:
         sigma = 1.0
     sigma_0 = np.broadcast_to(
-        fit.sigma_0 if sigma is None else positive(sigma, "sigma"), lead
+        fit.sigma_0 if sigma is None else check_positive(sigma, "sigma"), lead
     ).reshape(-1, 1)
     omega = fit.weights.reshape(-1, n)
     data = Points.of(
@@ -272,6 +272,6 @@ def _p_values(u: np.ndarray, in_use: np.ndarray, t: int) -> np.ndarray:
 
 
 def _probability(value, name: str) -> float:
-    if not 0 < (number := positive(value, name)) < 1:
+    if not 0 < (number := check_positive(value, name)) < 1:
         raise ValueError(f"{name}: expected a probability between 0 and 1, got {value!r}")
     return number

@@ -20,8 +20,8 @@ import numpy as np
 
 from ..adjustment.iteration import Convergence, Ending, Stack, iterate
 from ..adjustment.linalg import cofactor_from_normal, propagate, solve, unit_weight_sd
-from ..adjustment.weights import IGG3
-from ..checks import positive, whole_number
+from ..adjustment.weights import IGG3, PRINTED_THRESHOLDS, ROUNDED_MAD_TO_SD
+from ..checks import check_positive, check_whole_number
 from ..orthogonal.cloud import ROUNDING, Cloud, Points, frame_of
 from ..result import Fit
 from .conic import (
@@ -35,7 +35,6 @@ from .conic import (
 )
 
 PARAMETERS = 5
-MAD = 1.4826  # makes the median of |d| a standard deviation at the normal law
 STANDS_STILL = 1e-10  # change of the robust direct ellipse, in the frame's unit
 NEAREST_TO_ZERO = 1e-30  # coordinate of a point in the ellipse's own unit
 # A fit to points on one branch of a hyperbola runs away along ellipses that only grow. Mean
@@ -462,7 +461,11 @@ class State(Stack):
 
 
 def robust_direct(
-    cloud: EllipseCloud, *, k0: float = 1.5, k1: float = 2.5, max_iterations: int = 200
+    cloud: EllipseCloud,
+    *,
+    k0: float = PRINTED_THRESHOLDS[0],
+    k1: float = PRINTED_THRESHOLDS[1],
+    max_iterations: int = 200,
 ) -> EllipseFit:
     """Direct least squares with IGG III weights of the distances over their MAD, repeated until the
     ellipse stands still.
@@ -474,14 +477,14 @@ def robust_direct(
     Source: after Xu & Yao 2008, as cited by Li et al. 2015, section 3.4.2; weights of Ou & Liu
     2017, eq. (13).
     """
-    function = IGG3(positive(k0, "k0"), positive(k1, "k1"))
-    whole_number(max_iterations, "max_iterations")
+    function = IGG3(check_positive(k0, "k0"), check_positive(k1, "k1"))
+    check_whole_number(max_iterations, "max_iterations")
     model, n = cloud.model, cloud.count
     redundancy = n / (n - PARAMETERS) if n > PARAMETERS else 1.0
 
     def advance(points: Points, state: State):
         u = np.abs(model.linearised(state.x, points.D)[0]) / np.sqrt(points.variances)
-        sigma = MAD * redundancy * np.median(u, axis=-1)
+        sigma = ROUNDED_MAD_TO_SD * redundancy * np.median(u, axis=-1)
         weights = function.weight(
             u / np.maximum(sigma[:, None], ROUNDING / np.sqrt(points.variances))
         )

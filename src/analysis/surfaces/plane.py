@@ -28,7 +28,7 @@ from ..adjustment.steps import newton_step, objective
 from ..adjustment.wtls import Estimate
 from ..adjustment.wtls import ls as least_squares
 from ..adjustment.wtls import tls as total_least_squares
-from ..checks import one_of, whole_number
+from ..checks import check_one_of, check_whole_number
 from ..orthogonal.cloud import Adjusted, Cloud, frame_of
 from ..result import Fit
 
@@ -411,7 +411,7 @@ def incidence_cosines(points, plane, station=(0.0, 0.0, 0.0), *, at: str = "raw"
 
     Source: Wu, Chen & Wang, eq. 9 (raw).
     """
-    one_of(at, ("raw", "projected"), "cosine_at")
+    check_one_of(at, ("raw", "projected"), "cosine_at")
     plane, station = np.asarray(plane, dtype=float), np.asarray(station, dtype=float)
     vectors = np.asarray(points, dtype=float) - station
     n = np.concatenate([plane[..., :2], -np.ones(plane.shape[:-1] + (1,))], axis=-1)
@@ -506,10 +506,10 @@ def wtls(
 
     Source: Wu, Chen & Wang, method 3.
     """
-    minimise = ALGORITHMS[one_of(algorithm, ALGORITHMS, "algorithm")].function
-    whole_number(max_iterations, "max_iterations")
+    minimise = ALGORITHMS[check_one_of(algorithm, ALGORITHMS, "algorithm")].function
+    check_whole_number(max_iterations, "max_iterations")
     if reweightings != 0:
-        whole_number(reweightings, "reweightings")
+        check_whole_number(reweightings, "reweightings")
     x = cloud.least_squares().x
     iterations = np.zeros(len(x), dtype=int)
     for _ in range(1 + reweightings):
@@ -575,7 +575,7 @@ def _orthogonal(cloud: PlaneCloud, max_iterations: int) -> Adjusted:
     """``min Σ eᵀQ⁻¹e``: the plane as ``w = α u + β v + γ`` over its principal axes, which is never
     steep.
     """
-    whole_number(max_iterations, "max_iterations")
+    check_whole_number(max_iterations, "max_iterations")
     if cloud.cofactors is None:
         return _principal_components(cloud)
     axes = cloud.axes

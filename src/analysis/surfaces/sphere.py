@@ -31,7 +31,7 @@ from ..adjustment.steps import (
     schaffrin_wieser_step,
 )
 from ..adjustment.wtls import smallest_singular_solution
-from ..checks import positive, whole_number
+from ..checks import check_positive, check_whole_number
 from ..orthogonal.cloud import Adjusted, Cloud, frame_of
 from ..result import Fit
 
@@ -494,13 +494,13 @@ def wtls(
 
     Source: Ou & Liu 2017, eqs. (8)-(12), (16)-(18); Schaffrin & Wieser 2008.
     """
-    whole_number(max_iterations, "max_iterations")
-    problem = cloud.printed(positive(unit_weight, "unit_weight")).problem
+    check_whole_number(max_iterations, "max_iterations")
+    problem = cloud.printed(check_positive(unit_weight, "unit_weight")).problem
     x, convergence = iterate_to_convergence(
         problem,
         cloud.least_squares(),
         schaffrin_wieser_step,
-        positive(tolerance, "tolerance"),
+        check_positive(tolerance, "tolerance"),
         max_iterations,
     )
     convergence = only_minima(problem, x, convergence)
@@ -522,7 +522,7 @@ def eiv(cloud: SphereCloud, *, max_iterations: int = 100) -> SphereFit:
 
     Source: Fang 2013; Ou & Liu 2017, eq. (3), with the correlation of w and p that it leaves out.
     """
-    whole_number(max_iterations, "max_iterations")
+    check_whole_number(max_iterations, "max_iterations")
     rows = cloud.rows()
     problem = EIVProblem(rows, PointCofactors(0.5 * rows[:, :3], cloud.cofactors_in_frame()))
     x = cloud.least_squares()

@@ -27,9 +27,9 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import median_filter
 
 from ..adjustment.linalg import cofactor_from_normal, solve
-from ..adjustment.weights import Bisquare
+from ..adjustment.weights import ROUNDED_MAD_TO_SD, Bisquare
 from ..blocks import pieces
-from ..checks import point_array, positive, real_array
+from ..checks import check_positive, point_array, real_array
 
 # A quadratic departs from a circular arc by about L⁴/(1024 R³): 0.5 mm for 60 m of a 300 m radius,
 # but 3.6 mm and 1.2 mrad for 100 m.
@@ -41,7 +41,6 @@ OPENINGS = (30, 45, 60, 75)  # degrees between the three directions of a trial c
 HARMONICS = 5  # 1, sin α, cos α, sin 2α, cos 2α
 STANDS_STILL = 1e-4  # m
 BISQUARE = Bisquare()
-MAD_TO_SD = 1.4826
 RADII = (0.3, 30.0)  # m; a tunnel beyond these is one in other units
 
 
@@ -328,7 +327,7 @@ def mid_values(points, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
 
     Source: Li et al. (2015), eq. (1).
     """
-    points, step = _tunnel_points(points), positive(step, "step")
+    points, step = _tunnel_points(points), check_positive(step, "step")
     first = points[:, 1].min()
     count = int((points[:, 1].max() - first) / step) + 1
     if count > len(points):
@@ -435,7 +434,7 @@ def robust_axis(points, *, slab: float = 1.0, seed: int = 0, max_iterations: int
     >>> bool(np.abs(axis.position(axis.at_chainage([1.0, 9.0]))[:, [0, 2]]).max() < 5e-4)
     True
     """
-    points, slab = _tunnel_points(points), positive(slab, "slab")
+    points, slab = _tunnel_points(points), check_positive(slab, "slab")
     if len(points) > SAMPLE:
         points = points[np.random.default_rng(seed).integers(0, len(points), SAMPLE)]
     axis = _first_axis(points, slab)
@@ -575,7 +574,7 @@ def _reweighted(X, Y, prior, residuals) -> tuple[np.ndarray, np.ndarray, np.ndar
     x = np.zeros((len(Y), X.shape[-1]))
     for _ in range(50):
         standardised = np.where(missing, np.nan, np.abs(residuals) * root)
-        scale = MAD_TO_SD * np.nanmedian(standardised, axis=-1) + 1e-9
+        scale = ROUNDED_MAD_TO_SD * np.nanmedian(standardised, axis=-1) + 1e-9
         weights = np.nan_to_num(BISQUARE.weight(standardised / scale[:, None]), nan=0.0) * prior
         weighted = X.T * weights[:, None, :]
         N = weighted @ X

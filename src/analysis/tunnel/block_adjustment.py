@@ -48,11 +48,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..adjustment.linalg import cofactor_from_normal, solve
-from ..adjustment.weights import IGG3
+from ..adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, ROUNDED_MAD_TO_SD
 from ..blocks import pieces
-from ..checks import finite_array, point_array, positive
+from ..checks import check_positive, finite_array, point_array
 from ..result import ConvergenceWarning
-from .axis import MAD_TO_SD, Axis, group_medians
+from .axis import Axis, group_medians
 from .lining_surface import POINTS_THAT_COUNT, ROUGHNESS
 from .registration import Station
 
@@ -69,7 +69,7 @@ THRESHOLD = 6.0
 # have 8 m of wall in common.
 LEAST_COSINE = np.cos(np.deg2rad(83.0))
 FEWEST = 5  # points of all stations in a cell, for a median
-WEIGHTS = IGG3(2.5, 4.0, 1)
+WEIGHTS = IGG3(*EFFICIENT_THRESHOLDS)
 SMALLEST_SD = 1e-9  # m, of a radius: exact data are no reason to lose weight
 STANDS_STILL = 1e-6  # m and rad
 # With weights 1/|v|: IGG III would take all ties of two stations that are registered some
@@ -188,7 +188,7 @@ def _lining(cell: np.ndarray, radius: np.ndarray, middle: float) -> np.ndarray:
     cell, radius = cell[near], radius[near]
     off = np.abs(radius - group_medians(cell, radius, cell.max() + 1)[cell])
     good = off <= THRESHOLD * np.maximum(
-        MAD_TO_SD * group_medians(cell, off, cell.max() + 1)[cell], ROUGHNESS
+        ROUNDED_MAD_TO_SD * group_medians(cell, off, cell.max() + 1)[cell], ROUGHNESS
     )
     return near[good & (np.bincount(cell)[cell] >= FEWEST)]
 
@@ -303,14 +303,19 @@ def adjust_block(
     (array([ 0., 50.,  0.]), True)
     """
     A, y = _surveyed(
-        stations, positive(scanner_sd, "scanner_sd"), positive(control_sd, "control_sd"), level_sd
+        stations,
+        check_positive(scanner_sd, "scanner_sd"),
+        check_positive(control_sd, "control_sd"),
+        level_sd,
     )
     lining = _Lining.of(ties, stations)
     count, own = len(stations), slice(0, 6 * len(stations))
     x, weights = np.zeros(A.shape[1]), np.ones(len(lining.radii))
     for iterations in range(1, MAX_STEPS + 1):
         u = lining.standardised(x[own].reshape(count, 6), weights)
-        sigma = max(MAD_TO_SD * float(np.median(np.abs(u))), SMALLEST_SD) if len(u) else np.nan
+        sigma = (
+            max(ROUNDED_MAD_TO_SD * float(np.median(np.abs(u))), SMALLEST_SD) if len(u) else np.nan
+        )
         weights = (
             sigma / np.maximum(np.abs(u), sigma)
             if iterations <= FIRST_STEPS
@@ -381,7 +386,7 @@ def _surveyed(
         if level_sd is not None:
             Z, rows = fit.rotation[:, 2], np.zeros((2, count + 3 * len(net)))
             rows[:, 6 * k + 3 : 6 * k + 6] = np.cross(Z, np.eye(3)[:2])
-            blocks.append(rows / positive(level_sd, "level_sd"))
+            blocks.append(rows / check_positive(level_sd, "level_sd"))
             y.append(-Z[:2] / level_sd)
     return np.concatenate(blocks), np.concatenate(y)
 

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from ..blocks import pieces
-from ..checks import finite_array, point_array, positive
+from ..checks import check_positive, finite_array, point_array
 from ..methods import fit_ellipse
 from ..result import ConvergenceWarning
 from ..surfaces.ellipse import EllipseFit
@@ -266,7 +266,7 @@ def compare(
     array([[10., 20.],
            [10., 20.]])
     """
-    spacing, thickness = positive(spacing, "spacing"), positive(thickness, "thickness")
+    spacing, thickness = check_positive(spacing, "spacing"), check_positive(thickness, "thickness")
     epochs = []
     for name, points in (("first", first), ("second", second)):
         with _blamed(name):

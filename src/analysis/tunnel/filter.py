@@ -24,7 +24,7 @@ from typing import Protocol
 import numpy as np
 
 from ..blocks import pieces
-from ..checks import one_of, point_array, positive
+from ..checks import check_one_of, check_positive, point_array
 from ..orthogonal.gauss_helmert import robust
 from ..result import joined
 from ..surfaces import cylinder
@@ -152,13 +152,13 @@ def filter_lining(
     (True, True)
     """
     points = point_array(points, 3, 1, "a tunnel")
-    one_of(surface, SURFACES, "surface")
-    segment = np.inf if segment == np.inf else positive(segment, "segment")
+    check_one_of(surface, SURFACES, "surface")
+    segment = np.inf if segment == np.inf else check_positive(segment, "segment")
     if surface == "local" and segment > LONGEST:
         raise ValueError(
             f"segment: expected at most {LONGEST:g} m with a local surface, got {segment}"
         )
-    threshold, reach = positive(threshold, "threshold"), positive(reach, "reach")
+    threshold, reach = check_positive(threshold, "threshold"), check_positive(reach, "reach")
     radius, angle, along = _straightened(points, axis)
     if not SMALLEST <= (typical := float(np.median(radius))) <= LARGEST:
         raise ValueError(

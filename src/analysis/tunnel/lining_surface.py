@@ -23,7 +23,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array
 
-from ..adjustment.weights import IGG3
+from ..adjustment.weights import IGG3, ROUNDED_MAD_TO_SD
 
 PIXEL = 0.05  # m
 KNOTS = 0.5  # m, and farther apart where there are fewer than so many points
@@ -152,7 +152,7 @@ def _periodic_basis(x: np.ndarray, intervals: int) -> csr_array:
 def median_scale(residuals: np.ndarray) -> float:
     """``1.4826 med|e|``, not below the roughness of a lining."""
     return (
-        max(1.4826 * float(np.median(np.abs(residuals))), ROUGHNESS)
+        max(ROUNDED_MAD_TO_SD * float(np.median(np.abs(residuals))), ROUGHNESS)
         if residuals.size
         else ROUGHNESS
     )

@@ -28,7 +28,7 @@ import pandas as pd
 from scipy.stats import norm
 
 from ..adjustment.linalg import cofactor_from_factor, propagate, solve
-from ..checks import finite_array, point_array, positive, whole_number
+from ..checks import check_positive, check_whole_number, finite_array, point_array
 from ..surfaces.ellipse import EllipseFit
 
 # the track bed hides the rest (Li et al. 2015, section 4.2.2)
@@ -292,7 +292,7 @@ def fourier_rows(angles: np.ndarray, order: int = ORDER) -> np.ndarray:
     array([[1., 1., 0.],
            [1., 0., 1.]])
     """
-    multiples = np.asarray(angles)[..., None] * np.arange(1, whole_number(order, "order") + 1)
+    multiples = np.asarray(angles)[..., None] * np.arange(1, check_whole_number(order, "order") + 1)
     waves = np.stack([np.cos(multiples), np.sin(multiples)], axis=-1).reshape(
         multiples.shape[:-1] + (-1,)
     )
@@ -357,7 +357,7 @@ def fit_radial(points, pole, *, order: int = ORDER, weights=None) -> RadialFit:
     >>> bool(np.abs(fit.residuals).max() < 1e-5)  # a circle seen from elsewhere is nearly such a series
     True
     """
-    count = 2 * whole_number(order, "order") + 1
+    count = 2 * check_whole_number(order, "order") + 1
     points = point_array(points, 2, count, f"a radial series of order {order}")
     lead, n = points.shape[:-2], points.shape[-2]
     pole = np.broadcast_to(_of_shape(pole, lead, (2,), "pole"), lead + (2,))
@@ -432,7 +432,7 @@ def residual_profile(
     around = np.concatenate([alpha[order] - 2 * np.pi, alpha[order], alpha[order] + 2 * np.pi])
     distances = np.tile(fit.distances[order], 3)
     angles = finite_array(angles, "angles")
-    half_width = positive(half_width, "half_width")
+    half_width = check_positive(half_width, "half_width")
     first, last = (
         np.searchsorted(around, angles - half_width),
         np.searchsorted(around, angles + half_width, side="right"),
@@ -494,6 +494,6 @@ def _of_shape(values, lead: tuple[int, ...], shape: tuple[int, ...], name: str) 
 
 
 def _probability(value, name: str) -> float:
-    if not 0 < (number := positive(value, name)) < 1:
+    if not 0 < (number := check_positive(value, name)) < 1:
         raise ValueError(f"{name}: expected a probability between 0 and 1, got {value!r}")
     return number

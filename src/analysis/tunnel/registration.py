@@ -21,7 +21,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from ..checks import finite_array, positive
+from ..checks import check_positive, finite_array
 from ..similarity import SMALLEST, Similarity, fit_similarity, thirteen_parameters, umeyama
 
 OBSERVED = ["station", "target", "x", "y", "z"]
@@ -108,8 +108,8 @@ def register_stations(
                 f"{name}: expected each target once, got {' '.join(map(str, frame.loc[twice, key].iloc[0]))} twice"
             )
     errors = {
-        "source_cofactors": positive(scanner_sd, "scanner_sd") ** 2,
-        "target_cofactors": positive(control_sd, "control_sd") ** 2,
+        "source_cofactors": check_positive(scanner_sd, "scanner_sd") ** 2,
+        "target_cofactors": check_positive(control_sd, "control_sd") ** 2,
         "absolute": True,
     }
     pairs = observed.merge(control, on="target", suffixes=("", "_control"))

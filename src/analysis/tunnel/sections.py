@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..adjustment.linalg import solve
-from ..adjustment.weights import Bisquare
+from ..adjustment.weights import ROUNDED_MAD_TO_SD, Bisquare
 from ..blocks import pieces
-from ..checks import finite_array, point_array, positive, real_array
+from ..checks import check_positive, finite_array, point_array, real_array
 from .axis import Axis
 
 THICKNESS = 0.05  # m (Li et al. 2015, section 4.2.2)
@@ -39,7 +39,6 @@ FEWEST, LEAST_WORTH = 5, 1.0
 ENOUGH, GOOD_WORTH = 8, 2.0  # with these, a neighbourhood need not grow for the sake of precision
 COEFFICIENTS = 3  # of a quadratic
 BISQUARE = Bisquare()
-MAD_TO_SD = 1.4826
 SMALLEST_SCALE = 1e-12  # m; below is rounding
 
 
@@ -183,7 +182,7 @@ def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Sec
         raise ValueError(f"points: expected one cloud of shape (n, 3), got {points.shape}")
     chainages, thickness = (
         np.atleast_1d(finite_array(chainages, "chainages")),
-        positive(thickness, "thickness"),
+        check_positive(thickness, "thickness"),
     )
     rounding = 1e-9 * (1.0 + axis.length)
     if (
@@ -267,7 +266,7 @@ def equal_angles(section: Section, directions=DIRECTIONS, step: float = STEP) ->
 
     Source: Li et al. (2015), section on change detection.
     """
-    directions, step = _directions(directions), positive(step, "step")
+    directions, step = _directions(directions), check_positive(step, "step")
     _require_points(section)
     rows = []
     for offset in (-0.5, 0.0, 0.5):
@@ -299,7 +298,7 @@ def local_radii(section: Section, directions=DIRECTIONS, step: float = STEP) -> 
     >>> radii.radius.round(9), radii.gaps
     (array([2.7, nan]), array([False,  True]))
     """
-    directions, step = _directions(directions), positive(step, "step")
+    directions, step = _directions(directions), check_positive(step, "step")
     _require_points(section)
     around = _by_angle(section.alpha, section.rho)
     reach = _reach(around, directions, step, 0.5 * step, ENOUGH, GOOD_WORTH)
@@ -513,4 +512,8 @@ def _common_scale(local: _Local, residuals: np.ndarray) -> float:
     rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
     size = size[order][rank >= COEFFICIENTS]
     size = size[np.isfinite(size)]
-    return max(MAD_TO_SD * float(np.median(size)), SMALLEST_SCALE) if size.size else SMALLEST_SCALE
+    return (
+        max(ROUNDED_MAD_TO_SD * float(np.median(size)), SMALLEST_SCALE)
+        if size.size
+        else SMALLEST_SCALE
+    )

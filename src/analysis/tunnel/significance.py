@@ -26,7 +26,7 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from ..adjustment.linalg import solve
-from ..checks import finite_array, positive, real_array, whole_number
+from ..checks import check_positive, check_whole_number, finite_array, real_array
 from .sections import Radii
 
 LIMITS = (0.006, 0.012)  # m, between the classes
@@ -93,7 +93,7 @@ def share_beyond(delta, limit: float = LIMITS[0]) -> float:
         raise ValueError(
             f"delta: expected directions that are seen in both epochs, got {delta.size} gaps"
         )
-    return float(np.mean(np.abs(delta[seen]) > positive(limit, "limit")))
+    return float(np.mean(np.abs(delta[seen]) > check_positive(limit, "limit")))
 
 
 def flagged(delta, *, share: float = SHARE, limit: float = LIMITS[0]) -> bool:
@@ -111,7 +111,7 @@ def flagged(delta, *, share: float = SHARE, limit: float = LIMITS[0]) -> bool:
     >>> flagged([0.008, np.nan, np.nan, np.nan, np.nan])
     False
     """
-    share = positive(share, "share")
+    share = check_positive(share, "share")
     return share_beyond(delta, limit) > share and bool(np.mean(~np.isnan(delta)) >= LEAST_SEEN)
 
 
@@ -231,7 +231,7 @@ def significance(
         raise ValueError(
             f"first: expected one radius a direction, got shape {delta.shape}; local_radii gives them"
         )
-    level = positive(level, "level")
+    level = check_positive(level, "level")
     seen = ~np.isnan(delta)
     if not seen.any():
         raise ValueError(
@@ -389,11 +389,11 @@ def false_alarms(
     >>> (100 * table["theory"][table["limit_mm"] == 6]).round(1).tolist()
     [3.4, 15.7, 39.6]
     """
-    draws, generator = whole_number(draws, "draws"), np.random.default_rng(seed)
+    draws, generator = check_whole_number(draws, "draws"), np.random.default_rng(seed)
     unit = generator.standard_normal((2, draws))
     rows = []
     for sigma in sigmas:
-        delta = positive(sigma, "sigmas") * (unit[1] - unit[0])
+        delta = check_positive(sigma, "sigmas") * (unit[1] - unit[0])
         for limit in LIMITS:
             theory = 2.0 * norm.sf(limit / (np.sqrt(2.0) * sigma))
             rows.append(

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.blocks import pieces
-from analysis.checks import positive
+from analysis.checks import check_positive
 from analysis.result import rms
 from analysis.tunnel.sections import DIRECTIONS, equal_angles, local_radii
 from analysis.tunnel.significance import (
@@ -101,7 +101,8 @@ def alarms(
         for part in pieces(campaigns, CHUNK)
     ]
     workers = min(
-        len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers"))
+        len(tasks),
+        joblib.cpu_count() if workers is None else int(check_positive(workers, "workers")),
     )
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         parallel = joblib.Parallel(max_nbytes=None)

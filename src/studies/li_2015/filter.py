@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from analysis.checks import whole_number
+from analysis.checks import check_whole_number
 from analysis.result import rms
 from analysis.tunnel.filter import INSIDE, FilteredLining, TunnelAxis, filter_lining
 
@@ -51,7 +51,7 @@ def effect(
     before, count = _means(cell, radius, lining & (np.abs(angle) <= SECTOR))
     kept, left = _means(cell, radius, lining & result.lining)
     together, _ = _means(cell, radius, result.lining)
-    looked_at = count >= whole_number(fewest, "fewest")
+    looked_at = count >= check_whole_number(fewest, "fewest")
     if not looked_at.any():
         raise ValueError(
             f"fewest: expected cells with at least {fewest} lining points, got at most {count.max():.0f} in one"

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import joblib
 import numpy as np
 
-from analysis.checks import positive
+from analysis.checks import check_positive
 from analysis.methods import fit_ellipse
 from analysis.surfaces.ellipse import EllipseFit
 from analysis.tunnel.block_adjustment import Block
@@ -185,7 +185,8 @@ def simulated_sections(
     epochs = survey(tunnel)
     tasks = [(chainage, epochs[number - 1].stations) for chainage in chainages for number in EPOCHS]
     workers = min(
-        len(tasks), joblib.cpu_count() if workers is None else int(positive(workers, "workers"))
+        len(tasks),
+        joblib.cpu_count() if workers is None else int(check_positive(workers, "workers")),
     )
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         parallel = joblib.Parallel(max_nbytes=None)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from skspatial.objects import Sphere
 
-from analysis.adjustment.igg3 import MAD_TO_SD
+from analysis.adjustment.weights import MAD_TO_SD
 from analysis.methods import fit_sphere
 
 LOSSES = ("soft_l1", "cauchy")

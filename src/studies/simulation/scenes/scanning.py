@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from analysis.blocks import BLOCK, pieces
-from analysis.checks import finite_array, positive
+from analysis.checks import check_positive, finite_array
 from analysis.scanner import Scanner, across, vector
 
 from .surfaces import Scene, dot
@@ -46,7 +46,7 @@ class AngularGrid:
     step: float
 
     def __post_init__(self):
-        positive(self.step, "step")
+        check_positive(self.step, "step")
         for name in ("azimuth", "elevation"):
             window = finite_array(getattr(self, name), name)
             if window.shape != (2,) or not window[0] <= window[1]:
@@ -71,7 +71,7 @@ class AngularGrid:
         """
         offset = vector(target, "target") - vector(station, "station")
         distance = np.linalg.norm(offset)
-        if not positive(radius, "radius") < distance:
+        if not check_positive(radius, "radius") < distance:
             raise ValueError(
                 f"radius: expected less than the distance of the target, {distance:g} m, got {radius!r}"
             )

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from analysis.checks import positive
+from analysis.checks import check_positive
 from analysis.scanner import vector
 
 
@@ -40,7 +40,9 @@ class Sphere:
     radius: float
 
     def __post_init__(self):
-        _set(self, center=vector(self.center, "center"), radius=positive(self.radius, "radius"))
+        _set(
+            self, center=vector(self.center, "center"), radius=check_positive(self.radius, "radius")
+        )
 
     def intersect(self, origins, directions):
         to_center = self.center - origins
@@ -109,7 +111,7 @@ class Disc:
             self,
             center=vector(self.center, "center"),
             axis=axis,
-            radius=positive(self.radius, "radius"),
+            radius=check_positive(self.radius, "radius"),
         )
 
     def intersect(self, origins, directions):
@@ -139,7 +141,7 @@ class Cylinder:
         start, end = vector(self.start, "start"), vector(self.end, "end")
         if not np.linalg.norm(end - start) > 0:
             raise ValueError(f"end: expected a point away from start, got {end} twice")
-        _set(self, start=start, end=end, radius=positive(self.radius, "radius"))
+        _set(self, start=start, end=end, radius=check_positive(self.radius, "radius"))
 
     @property
     def axis(self) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.checks import positive
+from analysis.checks import check_positive
 from analysis.scanner import LEICA_C10, Scanner, vector
 
 from .scanning import AngularGrid, Scan, scan
@@ -41,8 +41,8 @@ def sphere_target_scene(
     >>> sphere_target_scene((0.0063, 5.8454, -1.6357), 0.0725).labels
     ('sphere', 'mount', 'wall')
     """
-    center, radius = vector(center, "center"), positive(radius, "radius")
-    if not positive(wall_distance, "wall_distance") > radius:
+    center, radius = vector(center, "center"), check_positive(radius, "radius")
+    if not check_positive(wall_distance, "wall_distance") > radius:
         raise ValueError(
             f"wall_distance: expected more than the radius of {radius:g} m, got {wall_distance:g}"
         )
@@ -53,12 +53,12 @@ def sphere_target_scene(
         )
     sight /= np.linalg.norm(sight)
     down = np.array([0.0, 0.0, -1.0])
-    foot = center + (radius + positive(mount_length, "mount_length")) * down
+    foot = center + (radius + check_positive(mount_length, "mount_length")) * down
     return Scene(
         [
             ("sphere", Sphere(center, radius)),
             # The rod begins inside the sphere, so that no gap is left between the two.
-            ("mount", Cylinder(center, foot, positive(mount_radius, "mount_radius"))),
+            ("mount", Cylinder(center, foot, check_positive(mount_radius, "mount_radius"))),
             (
                 "wall",
                 Rectangle(
@@ -105,7 +105,7 @@ def scan_sphere_target(
     >>> scan_sphere_target((0.0063, 5.8454, -1.6357), 0.0725, np.random.default_rng(0)).names
     ('sphere', 'mount', 'wall', 'mixed')
     """
-    if not positive(cut, "cut") >= 1:
+    if not check_positive(cut, "cut") >= 1:
         raise ValueError(f"cut: expected at least 1 radius, got {cut:g}")
     scene = sphere_target_scene(center, radius, station=station, **scene_options)
     grid = AngularGrid.around(center, cut * radius, step, station)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.checks import finite_array, positive
+from analysis.checks import check_positive, finite_array
 
 
 def from_nearest(value, period: float) -> np.ndarray:
@@ -53,8 +53,8 @@ class Alignment:
     middle: tuple[float, float, float] = (0.0, 65.0, 0.0)
 
     def __post_init__(self):
-        positive(self.radius, "radius")
-        positive(self.length, "length")
+        check_positive(self.radius, "radius")
+        check_positive(self.length, "length")
         finite_array(self.grade, "grade")
 
     @property

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.blocks import BLOCK, pieces
-from analysis.checks import positive
+from analysis.checks import check_positive
 from analysis.scanner import ARC_SECOND, RIEGL_VZ400, Scanner
 
 from ..scenes import AngularGrid
@@ -266,7 +266,7 @@ def station_grid(density: float) -> AngularGrid:
     >>> float(np.round(np.rad2deg(station_grid(FULL_DENSITY).step), 4))
     0.0894
     """
-    if not positive(density, "density") >= 100:
+    if not check_positive(density, "density") >= 100:
         raise ValueError(f"density: expected at least 100 beams a station, got {density:g}")
     step = np.sqrt(2 * np.pi * (ELEVATION[1] - ELEVATION[0]) / density)
     return AngularGrid((-np.pi, np.pi), ELEVATION, step)

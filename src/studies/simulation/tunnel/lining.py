@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.checks import one_of
+from analysis.checks import check_one_of
 
 from .alignment import from_nearest
 from .deformation import Deformation
@@ -97,7 +97,7 @@ class Lining:
             2 * np.pi * np.asarray(chainage) / self.ovality_period
         )
         settlement, spread = 0.0, self.deformation.squat.spread
-        if one_of(epoch, EPOCHS, "epoch") == 2:
+        if check_one_of(epoch, EPOCHS, "epoch") == 2:
             settlement = self.deformation.squat.settlement(chainage)
         return (
             self.radius + 0.5 * ovality + spread * settlement,
