@@ -26,7 +26,7 @@ from analysis.blocks import pieces
 from analysis.export.figures import into
 from analysis.tunnel.comparison import compare
 from studies import paths
-from studies.li_2015.campaign import register, station_names
+from studies.li_2015.register_campaign import register, station_names
 from studies.simulation.tunnel import default_tunnel, scan_station, survey
 
 from . import tunnel_bench_figure as figures

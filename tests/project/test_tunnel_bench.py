@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from project import bench, tunnel_bench
-from studies.li_2015 import campaign as campaign_study
-from studies.simulation.tunnel import campaign, default_tunnel, survey
+from studies.li_2015 import epoch_cloud, register_campaign
+from studies.simulation.tunnel import default_tunnel, simulate_campaign, survey
 
 BEAMS = 10_000
 
@@ -21,10 +21,10 @@ def folder(tmp_path_factory):
 
 
 def test_stations_are_those_of_the_campaign(folder):
-    whole = campaign(BEAMS / 10)
+    whole = simulate_campaign(BEAMS / 10)
     for place, epoch in enumerate(survey(default_tunnel())):
         scanned = whole.epochs[place]
-        expected = campaign_study.joined(scanned, campaign_study.register(scanned)).points
+        expected = epoch_cloud.join_scans(scanned, register_campaign.register(scanned)).points
         # Single precision leaves half a unit in the 24th binary place of a coordinate below 128 m.
         np.testing.assert_allclose(tunnel_bench.joined(epoch, folder), expected, rtol=0, atol=2e-5)
 

@@ -15,9 +15,10 @@ from analysis.tunnel.axis import Axis, mid_values
 from analysis.tunnel.filter import INSIDE, LINING, OUTSIDE, FilteredLining
 from analysis.tunnel.sections import Section, equal_angles, local_radii
 
-from ..li_2015.accuracy import JOINT_MM
-from ..li_2015.campaign import Cloud, control_net, station_names
-from ..li_2015.density import ring_points
+from ..li_2015.epoch_cloud import EpochCloud
+from ..li_2015.register_campaign import control_net, station_names
+from ..li_2015.registration_accuracy import JOINT_MM
+from ..li_2015.section_density import ring_points
 from ..publish import publish
 from ..simulation.tunnel import FULL_DENSITY, ZONE, Tunnel
 
@@ -225,7 +226,9 @@ def stickers(differences: Mapping[int, pd.DataFrame]) -> None:
     publish(figure, f"{STEM}_stickers", data)
 
 
-def axis(zone: Cloud, axes_found: Mapping[str, Axis], tunnel: Tunnel, step: float = 0.1) -> None:
+def axis(
+    zone: EpochCloud, axes_found: Mapping[str, Axis], tunnel: Tunnel, step: float = 0.1
+) -> None:
     """The paper's figure 2: projections to XOY and YOZ with mid-values and the quadratics, the true
     axis, and the robust one.
     """
@@ -295,7 +298,9 @@ def axis(zone: Cloud, axes_found: Mapping[str, Axis], tunnel: Tunnel, step: floa
     publish(figure, f"{STEM}_axis", pd.concat(parts).round(DECIMALS))
 
 
-def filter_(cloud: Cloud, result: FilteredLining, tunnel: Tunnel, start: float, end: float) -> None:
+def filter_(
+    cloud: EpochCloud, result: FilteredLining, tunnel: Tunnel, start: float, end: float
+) -> None:
     """The paper's figure 3: a piece of the tunnel before and after the filter, as a section and
     unrolled.
     """
@@ -397,7 +402,7 @@ def crown(cells: pd.DataFrame, within: float = 20.0) -> None:
 
 
 def epochs(
-    clouds: Mapping[int, Cloud],
+    clouds: Mapping[int, EpochCloud],
     linings: Mapping[int, FilteredLining],
     tunnel: Tunnel,
     at: float,

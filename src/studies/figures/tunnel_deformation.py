@@ -15,7 +15,7 @@ from analysis.tunnel.figures import CLASS_COLOURS, CLASS_MARKS, CLASS_NAMES
 from analysis.tunnel.outlines import ANGLES
 from analysis.tunnel.significance import CLASSES
 
-from ..li_2015.simulated_sections import ALL, POLE, Compared
+from ..li_2015.simulated_sections import ALL, POLE, ComparedSection
 from ..publish import publish
 from ..simulation.tunnel import CODES, NAMES
 
@@ -29,7 +29,7 @@ TO_EITHER_SIDE = 1.96  # standard deviations that hold 95 %
 CROWN = ([-90, 0, 90], ["left", "crown", "right"])
 
 
-def projection(one: Compared, epoch: int) -> None:
+def projection(one: ComparedSection, epoch: int) -> None:
     """One slab in one epoch: from the side, before its points are projected, and in the plane of
     the section; with the fitted ellipse.
 
@@ -74,7 +74,7 @@ def projection(one: Compared, epoch: int) -> None:
     publish(figure, f"{STEM}_projection", pd.concat([points, line]))
 
 
-def polar(of: Sequence[Compared]) -> None:
+def polar(of: Sequence[ComparedSection]) -> None:
     """Outlines of both epochs of sections in one campaign, the change enlarged, above Δρ(α) with
     its 95 % band and the truth.
 
@@ -168,7 +168,7 @@ def polar(of: Sequence[Compared]) -> None:
 def classes(points: pd.DataFrame, words: Mapping[float, str]) -> None:
     """Single points of sections in the classes black, blue and red.
 
-    points : from :func:`section_study.single_points`; words : chainage -> title
+    points : from :func:`section_accuracy.single_points`; words : chainage -> title
 
     Drawn where they are in the second epoch, the change enlarged. (Figure 7 of Li et al. 2015.)
     """
@@ -273,7 +273,7 @@ def alarms(table: pd.DataFrame, words: Mapping[str, str]) -> None:
 
 def hidden(table: pd.DataFrame) -> None:
     """A dent as two ellipses see it, as their residuals see it, and as it is; table from
-    :func:`section_study.hidden`.
+    :func:`section_accuracy.hidden`.
     """
     figure, ax = new(height=3.2)
     degrees = table["angle_deg"]
@@ -313,7 +313,7 @@ def hidden(table: pd.DataFrame) -> None:
 
 def parts(tables: Mapping[str, pd.DataFrame]) -> None:
     """Δρ of sections divided into a motion of the ring and a change of shape; title -> table from
-    :func:`section_study.shares`.
+    :func:`section_accuracy.shares`.
     """
     figure, axes = new(1, len(tables), height=3.1, sharey=True)
     styles = {

@@ -29,7 +29,7 @@ from analysis.tunnel.significance import (
     significance,
 )
 
-from .simulated_sections import ALL, SimulatedSection, compared
+from .simulated_sections import ALL, SimulatedSection, compare_epochs
 
 # neighbourhoods are about as wide, so that more directions say little more
 EVERY_FIFTH = DIRECTIONS[::5]
@@ -53,7 +53,7 @@ def coverage(
     for words, sections in cases.items():
         held, errors, stated, within = [], [], [], []
         for section in sections:
-            one = compared(section, campaigns, seed, n_points=n_points, angles=EVERY_FIFTH)
+            one = compare_epochs(section, campaigns, seed, n_points=n_points, angles=EVERY_FIFTH)
             low, high = one.change.interval(0.95)
             held.append(np.mean((low <= one.truth) & (one.truth <= high), axis=-1))
             errors.append(one.errors)
@@ -94,7 +94,7 @@ def alarms(
     detection; `changed_percent`, sections by their test, and its binomial standard error
     `changed_se_percent`.
     """
-    drawn = [section.drawn(campaigns, seed) for section in sections]
+    drawn = [section.draw(campaigns, seed) for section in sections]
     tasks = [
         (section, part, pair)
         for section, pair in zip(sections, drawn, strict=True)

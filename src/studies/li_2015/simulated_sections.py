@@ -72,7 +72,7 @@ class SimulatedSection:
             self, scans=tuple(_chosen(scan, scan.codes == CODES["lining"]) for scan in self.scans)
         )
 
-    def registered(self, block: Block) -> SimulatedSection:
+    def with_registration(self, block: Block) -> SimulatedSection:
         """The section with the errors that the registration of all stations, those of the first
         epoch first, states.
 
@@ -102,7 +102,7 @@ class SimulatedSection:
         A = np.kron(np.concatenate([-parts[0], parts[1]]), np.eye(2))
         return A @ self.shifts @ A.T
 
-    def drawn(
+    def draw(
         self, campaigns: int, seed: int, *, n_points: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Points (B, n, 3) in m of each epoch in B campaigns: right, up and along, from the axis
@@ -114,7 +114,7 @@ class SimulatedSection:
         """
         shifts = np.split(self._shifted(campaigns, seed), [self.stations[0]], axis=1)
         return tuple(
-            self._drawn(scan, campaigns, seed, of_epoch, n_points)
+            self._draw(scan, campaigns, seed, of_epoch, n_points)
             for scan, of_epoch in zip(self.scans, shifts, strict=True)
         )
 
@@ -131,7 +131,7 @@ class SimulatedSection:
         )
         return (drawn @ root.T).reshape(campaigns, -1, 2)
 
-    def _drawn(
+    def _draw(
         self, scan: SectionScan, campaigns: int, seed: int, shifts: np.ndarray, n_points: int | None
     ) -> np.ndarray:
         axis, clouds = self.tunnel.alignment, []
@@ -204,7 +204,7 @@ def simulated_sections(
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class ComparedSection:
     """A simulated section in B campaigns: points of each epoch (B, n, 3), ellipses, change Δρ about
     the axis point, and the true δ (K,).
     """
@@ -230,7 +230,7 @@ class Compared:
         )
 
 
-def compared(
+def compare_epochs(
     section: SimulatedSection,
     campaigns: int,
     seed: int,
@@ -238,14 +238,14 @@ def compared(
     n_points: int | None = None,
     angles: np.ndarray = ANGLES,
     method: str = "robust",
-) -> Compared:
+) -> ComparedSection:
     """Draw a section in B campaigns, fit an ellipse to every epoch of each, and compare the epochs
     in directions ``angles`` (K,).
     """
-    points = section.drawn(campaigns, seed, n_points=n_points)
+    points = section.draw(campaigns, seed, n_points=n_points)
     ellipses = tuple(fit_ellipse(epoch[..., :2], method) for epoch in points)
     change = deformation(*ellipses, pole=POLE, angles=angles, registration=section.registration)
-    return Compared(section, points, ellipses, change, section.truth(angles))
+    return ComparedSection(section, points, ellipses, change, section.truth(angles))
 
 
 def true_split(angles: np.ndarray, truth: np.ndarray) -> Split:

@@ -15,9 +15,8 @@ from analysis.tunnel import block_adjustment
 from analysis.tunnel.axis import robust_axis, straight
 from analysis.tunnel.block_adjustment import Ties, adjust_block, singly, surface_ties
 from analysis.tunnel.registration import Station
-from studies.li_2015 import campaign as campaign_study
-from studies.li_2015 import registration
-from studies.simulation.tunnel import campaign, default_tunnel, survey
+from studies.li_2015 import epoch_cloud, epoch_shift, register_campaign, wrong_pairs
+from studies.simulation.tunnel import default_tunnel, simulate_campaign, survey
 from studies.simulation.tunnel.campaign import LEVELLING_SD, NET_SD, TARGET_SD
 
 TUNNEL = default_tunnel()
@@ -35,7 +34,7 @@ def setups(epochs):
     return {
         name: one
         for epoch in epochs
-        for name, one in zip(campaign_study.station_names(epoch), epoch.stations, strict=True)
+        for name, one in zip(register_campaign.station_names(epoch), epoch.stations, strict=True)
     }
 
 
@@ -82,7 +81,7 @@ def ties(epochs, stations, reach=25.0):
     normals = (points - axis.position(s)) / TUNNEL.lining.radius
     truth = at_truth(epochs)
     for epoch in epochs:
-        names = campaign_study.station_names(epoch)
+        names = register_campaign.station_names(epoch)
         seen = np.abs(s[:, None] - [one.chainage for one in epoch.stations]) < reach
         seen &= np.count_nonzero(seen, axis=1, keepdims=True) >= 2
         cell, place = np.nonzero(seen)
@@ -309,12 +308,15 @@ def test_a_bad_tie_loses_its_weight(epochs):
 
 def test_a_wrong_pair_stays_out(epochs):
     """It is named by the single registration, and the joint one does not know it any more."""
-    observed, net = campaign_study.observed_targets(epochs[0]), campaign_study.control_net(*epochs)
-    wrong = registration.mistaken(observed, "1.3", "T17", "T15")
-    stations = campaign_study.register_observed(wrong, net)
+    observed, net = (
+        register_campaign.observed_targets(epochs[0]),
+        register_campaign.control_net(*epochs),
+    )
+    wrong = wrong_pairs.mistake(observed, "1.3", "T17", "T15")
+    stations = register_campaign.register_observed(wrong, net)
     assert stations["1.3"].rejected == ("T15",)
     block = adjust_block(stations, **SDS)
-    without = campaign_study.register_observed(
+    without = register_campaign.register_observed(
         observed[~((observed["station"] == "1.3") & (observed["target"] == "T17"))], net
     )
     expected = adjust_block(without, **SDS)
@@ -397,14 +399,14 @@ def test_what_is_seen_too_obliquely_is_left_out():
 @pytest.mark.parametrize("seed", [1, 4])
 def test_a_scanned_campaign(seed):
     """True errors agree with what is stated, station by station and between the epochs."""
-    scans = campaign(30_000, seed, tunnel=TUNNEL)
-    single = tuple(campaign_study.register(epoch) for epoch in scans.epochs)
+    scans = simulate_campaign(30_000, seed, tunnel=TUNNEL)
+    single = tuple(register_campaign.register(epoch) for epoch in scans.epochs)
     clouds = tuple(
-        campaign_study.joined(epoch, found)
+        epoch_cloud.join_scans(epoch, found)
         for epoch, found in zip(scans.epochs, single, strict=True)
     )
-    joint = campaign_study.adjust(scans.epochs, single, robust_axis(clouds[0].points))
-    errors = registration.parameter_errors(joint, scans.epochs)
+    joint = register_campaign.adjust(scans.epochs, single, robust_axis(clouds[0].points))
+    errors = epoch_shift.parameter_errors(joint, scans.epochs)
     # Ties of neighbouring cells are not quite independent: what they alone determine is stated a
     # little too well.
     assert joint.converged and errors @ np.linalg.solve(joint.covariance, errors) < 1.3 * chi2.isf(
@@ -412,11 +414,11 @@ def test_a_scanned_campaign(seed):
     )
     alone = singly({name: station for found in single for name, station in found.items()})
     lining = tuple(cloud.part(cloud.of("lining")) for cloud in clouds)
-    table = registration.between_epochs(
+    table = epoch_shift.shifts(
         {"single": alone, "joint": joint}, lining, scans.epochs, TUNNEL
     ).set_index("registration")
     assert len(table) == 26 and table["chi_squared"].max() < 14
-    summary = registration.between_summary(table.reset_index())
+    summary = epoch_shift.summary(table.reset_index())
     assert summary["sections"].tolist() == ["all", "flagged"] * 2
     flagged = table.loc["joint"].iloc[4:7]  # 45, 55 and 65 m
     assert summary["up_mm"][3] == pytest.approx(np.sqrt(np.mean(flagged["up_mm"] ** 2)))
@@ -437,7 +439,9 @@ def between(block, scans, clouds, at):
     point, directions, means = TUNNEL.alignment.position(at), TUNNEL.alignment.frame(at)[[0, 2]], []
     for epoch, cloud in zip(scans.epochs, clouds, strict=True):
         near = np.abs(TUNNEL.alignment.section_coordinates(cloud.points)[0] - at) <= 0.25
-        stations = [block.stations[name].similarity for name in campaign_study.station_names(epoch)]
+        stations = [
+            block.stations[name].similarity for name in register_campaign.station_names(epoch)
+        ]
         shifts = [
             fit.transform(one.pose.to_instrument(point)) - point
             for fit, one in zip(stations, epoch.stations, strict=True)

@@ -11,21 +11,22 @@ from analysis.tunnel.filter import INSIDE, LINING, OUTSIDE, FilteredLining
 from analysis.tunnel.registration import start_study
 from analysis.tunnel.sections import equal_angles
 from studies.figures import tunnel_campaign as figures
-from studies.li_2015 import accuracy, density, filter_deformation
-from studies.li_2015.campaign import control_net, joined, register
-from studies.simulation.tunnel import ZONE, campaign
+from studies.li_2015 import filter_accuracy, section_density, sticker_accuracy
+from studies.li_2015.epoch_cloud import join_scans
+from studies.li_2015.register_campaign import control_net, register
+from studies.simulation.tunnel import ZONE, simulate_campaign
 
 from . import exported
 
 
 @pytest.fixture(scope="module")
 def scans():
-    return campaign(2000)
+    return simulate_campaign(2000)
 
 
 @pytest.fixture(scope="module")
 def zones(scans):
-    clouds = [joined(epoch) for epoch in scans.epochs]
+    clouds = [join_scans(epoch) for epoch in scans.epochs]
     return tuple(cloud.part(cloud.between(scans.tunnel, *ZONE)) for cloud in clouds)
 
 
@@ -99,7 +100,9 @@ def test_between():
 
 
 def test_stickers(scans):
-    tables = {epoch.number: accuracy.stickers(epoch, register(epoch)) for epoch in scans.epochs}
+    tables = {
+        epoch.number: sticker_accuracy.differences(epoch, register(epoch)) for epoch in scans.epochs
+    }
     figures.stickers(tables)
     shown = exported("09_tunnel_campaign_stickers")
     assert_allclose(shown.loc[shown["epoch"] == 2, "dz_mm"], tables[2]["dz_mm"], rtol=1e-8)
@@ -154,8 +157,8 @@ def test_crown():
 
 
 def test_the_rules_are_those_of_the_study():
-    assert list(figures.RULES) == list(filter_deformation.RULES)
-    assert list(figures.READINGS) == list(density.READINGS)
+    assert list(figures.RULES) == list(filter_accuracy.RULES)
+    assert list(figures.READINGS) == list(section_density.READINGS)
 
 
 def test_epochs(scans, zones):
@@ -178,8 +181,8 @@ def test_epochs(scans, zones):
 
 def test_density_and_sections(scans):
     setups = [one.setup for one in scans.epochs[0].stations]
-    full = {"55 m": density.full_section(scans.tunnel, setups, 55.0, density=100_000)}
-    readings = density.readings(full, scans.tunnel, (1.0, 0.5), 1)
+    full = {"55 m": section_density.full_section(scans.tunnel, setups, 55.0, density=100_000)}
+    readings = section_density.readings(full, scans.tunnel, (1.0, 0.5), 1)
     counts = pd.DataFrame(
         {"epoch": [1, 2], "station_m": [5.0, 3.0], "at_full_density": [4000.0, 10_000.0]}
     )
@@ -192,7 +195,7 @@ def test_density_and_sections(scans):
         == of[["points", "gaps_percent"]].to_numpy().tolist()
     )
 
-    section = density.noisy(full["55 m"], scans.tunnel, 1)
+    section = section_density.noisy_section(full["55 m"], scans.tunnel, 1)
     figures.sections({"55 m": section}, scans.tunnel, 1)
     shown = exported("09_tunnel_campaign_sections")
     radii = equal_angles(section)

@@ -7,9 +7,9 @@ from matplotlib import pyplot
 
 from analysis.tunnel.significance import CLASSES
 from studies.figures import tunnel_deformation as figures
-from studies.li_2015 import sections as section_study
+from studies.li_2015 import section_accuracy
 from studies.li_2015.printed_ellipse import failure_study
-from studies.li_2015.simulated_sections import ALL, compared, simulated_sections
+from studies.li_2015.simulated_sections import ALL, compare_epochs, simulated_sections
 from studies.simulation.tunnel import default_tunnel
 
 from . import exported
@@ -19,7 +19,7 @@ from . import exported
 def once():
     """The section at 65 m and the one with the dent in one campaign."""
     sections = simulated_sections(default_tunnel(), (65.0, 25.0), 100_000, workers=1)
-    return [compared(section, 1, 1) for section in sections]
+    return [compare_epochs(section, 1, 1) for section in sections]
 
 
 def assert_exported(name, expected):
@@ -76,7 +76,7 @@ def test_polar(once):
 def test_classes(once):
     points = pd.concat(
         [
-            section_study.single_points(one.section, tuple(epoch[0] for epoch in one.points))
+            section_accuracy.single_points(one.section, tuple(epoch[0] for epoch in one.points))
             for one in once
         ]
     )
@@ -110,7 +110,7 @@ def test_alarms():
 
 
 def test_hidden(once):
-    table = section_study.hidden(once[1])
+    table = section_accuracy.hidden(once[1])
     figures.hidden(table)
     assert_exported("hidden", table)
     drawn = {line.get_label(): line.get_ydata() for line in pyplot.gcf().axes[0].lines}
@@ -119,7 +119,7 @@ def test_hidden(once):
 
 
 def test_parts(once):
-    tables = {"65 m": section_study.shares(once[0]), "25 m": section_study.shares(once[1])}
+    tables = {"65 m": section_accuracy.shares(once[0]), "25 m": section_accuracy.shares(once[1])}
     figures.parts(tables)
     assert_exported("parts", pd.concat(tables.values()))
     for ax, table in zip(pyplot.gcf().axes, tables.values(), strict=True):

@@ -12,17 +12,17 @@ from analysis.tunnel.axis import straight
 from analysis.tunnel.filter import INSIDE, LINING, FilteredLining
 from analysis.tunnel.registration import register_stations
 from analysis.tunnel.sections import Radii, cut, local_radii
-from studies.li_2015 import accuracy, density, filter_deformation, registration
-from studies.li_2015 import axis as axis_study
-from studies.li_2015 import campaign as campaign_study
-from studies.li_2015.campaign import (
-    Cloud,
-    control_net,
-    joined,
-    observed_targets,
-    register,
-    station_names,
+from studies.li_2015 import (
+    axis_accuracy,
+    campaign_contents,
+    filter_accuracy,
+    registration_accuracy,
+    section_density,
+    sticker_accuracy,
+    wrong_pairs,
 )
+from studies.li_2015.epoch_cloud import EpochCloud, join_scans
+from studies.li_2015.register_campaign import control_net, observed_targets, register, station_names
 from studies.simulation.tunnel import (
     ATTACHMENTS,
     CODES,
@@ -31,8 +31,8 @@ from studies.simulation.tunnel import (
     Alignment,
     Lining,
     Tunnel,
-    campaign,
     default_tunnel,
+    simulate_campaign,
     survey,
 )
 from studies.simulation.tunnel.campaign import station_grid
@@ -43,7 +43,7 @@ DENSITY = 3000
 
 @pytest.fixture(scope="module")
 def scans():
-    return campaign(DENSITY)
+    return simulate_campaign(DENSITY)
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +84,8 @@ def moved(epoch, place, shift):
 
 def test_joined_scans_lie_where_they_were_taken(scans):
     epoch = scans.epochs[0]
-    cloud = joined(epoch, register(epoch))
-    true = joined(epoch).points
+    cloud = join_scans(epoch, register(epoch))
+    true = join_scans(epoch).points
     assert np.array_equal(
         true[: len(epoch.stations[0])],
         epoch.stations[0].pose.to_engineering(epoch.stations[0].points),
@@ -108,12 +108,14 @@ def test_exact_targets_join_exactly(scans):
         for one in epoch.stations
     )
     epoch = replace(epoch, stations=stations)
-    assert np.abs(joined(epoch, register(epoch)).points - joined(epoch).points).max() < 1e-10
+    assert (
+        np.abs(join_scans(epoch, register(epoch)).points - join_scans(epoch).points).max() < 1e-10
+    )
 
 
 def test_parts_of_a_cloud(scans):
     epoch = scans.epochs[0]
-    cloud = joined(epoch, register(epoch))
+    cloud = join_scans(epoch, register(epoch))
     part = cloud.part(cloud.between(TUNNEL, *ZONE))
     chainage = TUNNEL.alignment.section_coordinates(part.points)[0]
     assert ZONE[0] <= chainage.min() and chainage.max() <= ZONE[1] and 0 < len(part) < len(cloud)
@@ -125,12 +127,12 @@ def test_parts_of_a_cloud(scans):
 
 
 def test_tables_of_the_campaign(scans):
-    shares = campaign_study.label_shares(scans)
+    shares = campaign_contents.label_shares(scans)
     assert shares[["epoch_1_percent", "epoch_2_percent"]].sum().tolist() == pytest.approx(
         [100, 100]
     )
     assert set(shares["label"][shares["attachment"] == "yes"]) == set(ATTACHMENTS)
-    points = campaign_study.station_points(scans)
+    points = campaign_contents.station_points(scans)
     assert points["station"].tolist() == station_names(scans.epochs[0]) + station_names(
         scans.epochs[1]
     )
@@ -157,7 +159,7 @@ def test_control_net_and_observations(surveyed):
 
 def test_three_solutions_are_one(surveyed):
     for epoch in surveyed:
-        table = registration.solutions(register(epoch))
+        table = registration_accuracy.solutions(register(epoch))
         assert table["printed_less_svd"].max() < 1e-12 and table["adjusted_less_svd"].max() < 1e-12
         # The scale μ moves what is 10 m away by 10 m (μ − 1), and a little more or less by the
         # targets' own distance.
@@ -167,17 +169,17 @@ def test_three_solutions_are_one(surveyed):
 
 def test_exact_targets_have_no_errors(surveyed):
     epoch = exact(surveyed[0])
-    table = registration.true_errors(register(epoch), epoch, TUNNEL)
+    table = registration_accuracy.true_errors(register(epoch), epoch, TUNNEL)
     assert (
         table[["position_mm", "rotation_arcsec", "wall_mm", "chi_squared"]].to_numpy().max() < 1e-6
     )
-    assert registration.solutions(register(epoch))["scale_moves_mm"].max() < 1e-9
+    assert registration_accuracy.solutions(register(epoch))["scale_moves_mm"].max() < 1e-9
 
 
 def test_a_moved_station_is_off_by_its_movement(surveyed):
     epoch = exact(surveyed[0])
     shift = np.array([0.003, -0.001, 0.002])
-    table = registration.true_errors(register(epoch), moved(epoch, 3, shift), TUNNEL)
+    table = registration_accuracy.true_errors(register(epoch), moved(epoch, 3, shift), TUNNEL)
     assert table["position_mm"].tolist() == pytest.approx(
         [0, 0, 0, 1e3 * np.linalg.norm(shift), 0, 0], abs=1e-6
     )
@@ -187,7 +189,7 @@ def test_a_moved_station_is_off_by_its_movement(surveyed):
 def test_stated_covariances_hold_in_other_campaigns():
     squares = np.concatenate(
         [
-            registration.true_errors(register(epoch), epoch, TUNNEL)["chi_squared"]
+            registration_accuracy.true_errors(register(epoch), epoch, TUNNEL)["chi_squared"]
             for seed in range(6)
             for epoch in survey(TUNNEL, seed)
         ]
@@ -197,17 +199,17 @@ def test_stated_covariances_hold_in_other_campaigns():
 
 @pytest.mark.parametrize("robust", [False, True])
 def test_stated_standard_deviations_are_right_to_3_percent(surveyed, robust):
-    table = registration.repeated(surveyed[0].stations[2], 15_000, 3, robust=robust)
+    table = registration_accuracy.repetition(surveyed[0].stations[2], 15_000, 3, robust=robust)
     assert table["ratio_percent"].abs().max() < 3
     assert table["quantity"].tolist()[:2] == ["position x", "position y"]
     assert table["converged_percent"].iloc[0] > 99.5
 
 
 def test_every_wrong_pair_is_named(surveyed):
-    found = registration.wrong_pairs(*surveyed)
+    found = wrong_pairs.every_mistake(*surveyed)
     assert len(found) == 6 * 5 + 4 * 4 and found["named"].all()
     assert found["moved_mm"].max() < 5 and found["moved_by_least_squares_mm"].min() > 100
-    summary = registration.wrong_pair_summary(found)
+    summary = wrong_pairs.summary(found)
     assert summary["targets"].tolist() == [4, 5] and summary["mistakes"].sum() == len(found)
 
 
@@ -222,13 +224,13 @@ def test_six_targets_of_which_one_is_wrong(surveyed):
     observed = observed.assign(station="1.3", target=six["target"].to_numpy())
     other = net["target"].iloc[12]
     for target in six["target"]:
-        wrong = registration.mistaken(observed, "1.3", target, other)
+        wrong = wrong_pairs.mistake(observed, "1.3", target, other)
         assert (wrong["target"] == other).sum() == 1
         assert register_stations(wrong, net, scanner_sd=0.0015, control_sd=0.001)[
             "1.3"
         ].rejected == (other,)
     with pytest.raises(ValueError, match="station 1.3 has observed, got T99"):
-        registration.mistaken(observed, "1.3", "T99", other)
+        wrong_pairs.mistake(observed, "1.3", "T99", other)
 
 
 # ---------------------------------------------------------------------------------- accuracy
@@ -236,10 +238,10 @@ def test_six_targets_of_which_one_is_wrong(surveyed):
 
 def test_exact_stickers_agree(surveyed):
     epoch = exact(surveyed[0])
-    differences = accuracy.stickers(epoch, register(epoch))
+    differences = sticker_accuracy.differences(epoch, register(epoch))
     assert np.abs(differences[["dx_mm", "dy_mm", "dz_mm"]].to_numpy()).max() < 1e-6
     assert sorted(differences["chainage_m"].unique()) == list(SECTIONS)
-    assert accuracy.accuracy(differences)["m_mm"].max() < 1e-6
+    assert sticker_accuracy.accuracy(differences)["m_mm"].max() < 1e-6
 
 
 def synthetic(common, rng=5):
@@ -250,7 +252,7 @@ def synthetic(common, rng=5):
 
 
 def test_f_ratio_sees_what_stickers_of_a_station_share():
-    alone, shared = (accuracy.by_station(synthetic(common)) for common in (0.0, 1.0))
+    alone, shared = (sticker_accuracy.station_means(synthetic(common)) for common in (0.0, 1.0))
     assert 0.4 < alone["f_ratio"].iloc[0] < 1.9 and shared["f_ratio"].iloc[0] > 5
     assert shared["n"].tolist() == 8 * [10]
     rows = synthetic(1.0)
@@ -264,14 +266,14 @@ def test_f_ratio_is_that_of_the_variance_analysis():
 
     rows = synthetic(0.5)[["dx_mm", "station"]].assign(dy_mm=0.0, dz_mm=0.0)
     expected = f_oneway(*(group["dx_mm"] for _, group in rows.groupby("station"))).statistic
-    assert accuracy.by_station(rows)["f_ratio"].iloc[0] == pytest.approx(expected)
+    assert sticker_accuracy.station_means(rows)["f_ratio"].iloc[0] == pytest.approx(expected)
 
 
 def test_joints_show_a_moved_station(surveyed):
     epoch = exact(surveyed[0])
     stations = register(epoch)
-    assert accuracy.joints(epoch, stations, TUNNEL)["rms_mm"].max() < 1e-6
-    table = accuracy.joints(moved(epoch, 2, [0.003, 0.0, 0.0]), stations, TUNNEL)
+    assert registration_accuracy.joints(epoch, stations, TUNNEL)["rms_mm"].max() < 1e-6
+    table = registration_accuracy.joints(moved(epoch, 2, [0.003, 0.0, 0.0]), stations, TUNNEL)
     assert table["rms_mm"].tolist() == pytest.approx([0, 3, 3, 0, 0], abs=1e-2)
     assert table["within_percent"].tolist() == [100, 0, 0, 100, 100]
     # Its points come out 3 mm too far to the left: as the second of a pair, and as the first.
@@ -282,7 +284,7 @@ def test_joints_show_a_moved_station(surveyed):
 def test_limit_rejects_a_true_6_mm_in_95_percent():
     errors = 6 / np.sqrt(3) * np.random.default_rng(2).standard_normal((20_000, 10, 3))
     m = np.sqrt(np.sum(np.mean(errors**2, axis=1), axis=-1))
-    assert np.mean(m < accuracy.limit_for(10)) == pytest.approx(0.05, abs=0.006)
+    assert np.mean(m < sticker_accuracy.limit_for(10)) == pytest.approx(0.05, abs=0.006)
 
 
 # -------------------------------------------------------------------------------------- axis
@@ -292,17 +294,17 @@ def test_axis_error_is_the_offset():
     tunnel = Tunnel(Alignment(radius=1e9, grade=0.01), Lining(np.zeros((109, 6))))
     frame, ends = tunnel.alignment.frame(65.0), tunnel.alignment.position(np.array([0.0, 130.0]))
     shifted = straight(*(ends + 0.02 * frame[0] - 0.05 * frame[2]))
-    error = axis_study.axis_error(shifted, tunnel, 10, 120)
+    error = axis_accuracy.axis_error(shifted, tunnel, 10, 120)
     assert (error["mean_u_mm"], error["mean_v_mm"]) == pytest.approx((20, -50), abs=0.01)
     assert max(error["largest_u_mm"], error["largest_v_mm"], error["largest_mrad"]) < 0.01
     turned = straight(ends[0], ends[1] + 0.13 * frame[0])
-    assert axis_study.axis_error(turned, tunnel, 10, 120)["largest_mrad"] == pytest.approx(
+    assert axis_accuracy.axis_error(turned, tunnel, 10, 120)["largest_mrad"] == pytest.approx(
         1.0, abs=1e-3
     )
 
 
 def test_hazards_of_the_printed_axis():
-    table = axis_study.hazards(TUNNEL, 150_000, 4).set_index("cause")
+    table = axis_accuracy.hazards(TUNNEL, 150_000, 4).set_index("cause")
     a, b = TUNNEL.lining.semi_axes(np.linspace(*ZONE, 50), 1)
     assert table.loc["nothing"].drop("length_m").abs().max() < 2
     assert table.loc["the track bed", "mean_v_mm"] == pytest.approx(
@@ -310,7 +312,7 @@ def test_hazards_of_the_printed_axis():
     )
     assert abs(table.loc["the track bed", "mean_u_mm"]) < 1
     # the wall just beside the tray is now the extreme one
-    tray = 500 * a.mean() * (1 - np.cos(axis_study.TRAY[0]))
+    tray = 500 * a.mean() * (1 - np.cos(axis_accuracy.TRAY[0]))
     assert table.loc["a wide cable tray", "mean_u_mm"] == pytest.approx(tray, abs=5)
     assert table.loc["ends cut askew", "largest_u_mm"] > 20
     # A quadratic departs from the arc of 130 m by up to 3.5 mm, most at its ends and in the middle.
@@ -327,7 +329,9 @@ def perfect_cloud(epoch, n, seed):
     chainage, alpha = generator.uniform(*ZONE, n), generator.uniform(-2.2, 2.2, n)
     codes = np.where(np.arange(n) % 10, CODES["lining"], CODES["cable"])
     rho = TUNNEL.true_radius(alpha, chainage, epoch) - 0.1 * (codes == CODES["cable"])
-    return Cloud(TUNNEL.alignment.polar_points(chainage, alpha, rho), codes, np.zeros(n, dtype=int))
+    return EpochCloud(
+        TUNNEL.alignment.polar_points(chainage, alpha, rho), codes, np.zeros(n, dtype=int)
+    )
 
 
 def flagged(flags):
@@ -345,7 +349,7 @@ def test_effects_count_what_is_found_and_lost(perfect):
         flagged(np.where(cloud.of("cable"), INSIDE, LINING).astype(np.int8)) for cloud in perfect
     ]
     blind = [flagged(np.zeros(len(cloud), dtype=np.int8)) for cloud in perfect]
-    table = filter_deformation.effects(perfect, {"right": right, "blind": blind}, TUNNEL).set_index(
+    table = filter_accuracy.effects(perfect, {"right": right, "blind": blind}, TUNNEL).set_index(
         ["rule", "epoch"]
     )
     assert table.loc[("right", 1), ["found_percent", "lost_percent"]].tolist() == [100, 0]
@@ -365,14 +369,14 @@ def test_cells_show_the_deformation_that_a_filter_takes_off(perfect):
         for kept, results in ((good, right), (good & ~inner, eaten), (good & ~crown, emptied)):
             results.append(flagged(np.where(kept, LINING, INSIDE).astype(np.int8)))
     rules = {"right": right, "eaten": [right[0], eaten[1]], "emptied": [right[0], emptied[1]]}
-    table = filter_deformation.cells(perfect, rules, TUNNEL)
+    table = filter_accuracy.cells(perfect, rules, TUNNEL)
     of = dict(iter(table.groupby("rule")))
     assert of["right"]["change_mm"].abs().max() == 0 and of["right"]["kept_percent"].min() == 100
     # Means of two clouds differ from the mean of the difference by the lining's own steps, which
     # points sample.
     assert np.abs(of["right"]["before_mm"] - of["right"]["true_mm"]).max() < 1.5
     assert of["eaten"]["change_mm"].max() > 0.2 and of["eaten"]["kept_percent"].min() < 80
-    summary = filter_deformation.summary(table).set_index("rule")
+    summary = filter_accuracy.summary(table).set_index("rule")
     assert summary.loc["right", "emptied"] == 0 < summary.loc["emptied", "emptied"]
     assert summary.loc["eaten", "largest_change_mm"] == of["eaten"]["change_mm"].abs().max()
 
@@ -386,16 +390,16 @@ def test_ring_points_are_those_of_the_beams(distance):
     beams = np.concatenate([grid.beams(slice(k, k + 50_000)) for k in range(0, len(grid), 50_000)])
     y = 2.7 * beams[:, 1] / np.hypot(beams[:, 0], beams[:, 2])
     counted = np.count_nonzero(np.abs(np.abs(y) - distance) < 0.25) / 2
-    assert density.ring_points(distance, len(grid), thickness=0.5) == pytest.approx(
+    assert section_density.ring_points(distance, len(grid), thickness=0.5) == pytest.approx(
         counted, rel=0.03
     )
 
 
 def test_sections_are_counted_where_they_are(scans):
-    clouds = tuple(cloud.part(cloud.of("lining")) for cloud in map(joined, scans.epochs))
+    clouds = tuple(cloud.part(cloud.of("lining")) for cloud in map(join_scans, scans.epochs))
     setups = [[one.setup for one in epoch.stations] for epoch in scans.epochs]
     axis = straight(*TUNNEL.alignment.position(np.array([50.0, 60.0])))
-    table = density.section_counts(clouds, setups, axis, TUNNEL, [52.0, 57.0], DENSITY)
+    table = section_density.section_counts(clouds, setups, axis, TUNNEL, [52.0, 57.0], DENSITY)
     assert table["station_m"].tolist() == pytest.approx([2, 7, 0, 5])
     assert table["at_full_density"].tolist() == pytest.approx((1500 * table["points"]).tolist())
     assert table[["found_percent", "interpolated_percent", "gaps_percent"]].sum(
@@ -404,23 +408,27 @@ def test_sections_are_counted_where_they_are(scans):
 
 
 def test_an_empty_section_is_all_gaps():
-    nothing = Cloud(np.array([[0.0, 10.0, 2.7]]), np.zeros(1, dtype=int), np.zeros(1, dtype=int))
+    nothing = EpochCloud(
+        np.array([[0.0, 10.0, 2.7]]), np.zeros(1, dtype=int), np.zeros(1, dtype=int)
+    )
     axis = straight([0.0, 0.0, 0.0], [0.0, 130.0, 0.0])
     setups = [survey(TUNNEL)[0].stations] * 2
-    table = density.section_counts((nothing, nothing), setups, axis, TUNNEL, [65.0], DENSITY)
+    table = section_density.section_counts(
+        (nothing, nothing), setups, axis, TUNNEL, [65.0], DENSITY
+    )
     assert table["gaps_percent"].tolist() == [100, 100] and table["points"].sum() == 0
 
 
 def test_a_section_at_full_density(surveyed):
-    scan = density.full_section(TUNNEL, surveyed[0].stations, 55.0, density=400_000)
+    scan = section_density.full_section(TUNNEL, surveyed[0].stations, 55.0, density=400_000)
     assert set(scan.codes) == {CODES["lining"]}
-    section = density.noisy(scan, TUNNEL, 1)
+    section = section_density.noisy_section(scan, TUNNEL, 1)
     assert np.abs(section.w).max() <= 0.025 and 0.4 * len(scan) < section.count < 0.6 * len(scan)
     chainage = TUNNEL.alignment.section_coordinates(section.position)[0]
     assert chainage == pytest.approx(55.0, abs=1e-6)
-    errors = density.radius_errors(section, local_radii(section), TUNNEL, 1)
+    errors = section_density.radius_errors(section, local_radii(section), TUNNEL, 1)
     assert np.nanmean(np.abs(errors)) < 0.002
-    table = density.readings({"a": scan}, TUNNEL, (1.0, 0.3), 1)
+    table = section_density.readings({"a": scan}, TUNNEL, (1.0, 0.3), 1)
     assert table["part"].tolist() == [1.0, 1.0, 0.3, 0.3]
     assert table[["found_percent", "interpolated_percent", "gaps_percent"]].sum(
         axis=1
@@ -440,7 +448,7 @@ def test_radius_errors_are_those_put_in():
     directions = np.array([-1.0, 0.5, 2.0])
     radius = TUNNEL.true_radius(directions, 55.0, 1) + np.array([0.001, np.nan, -0.002])
     nan = np.full(3, np.nan)
-    errors = density.radius_errors(
+    errors = section_density.radius_errors(
         section, Radii(directions, radius, nan, nan, nan, np.zeros(3, dtype=bool), nan), TUNNEL, 1
     )
     assert errors == pytest.approx([0.001, np.nan, -0.002], abs=1e-9, nan_ok=True)

@@ -16,11 +16,11 @@ from studies.simulation.tunnel import (
     ZONE,
     Alignment,
     Lining,
-    campaign,
     default_tunnel,
     scan_station,
     section_points,
     section_scan,
+    simulate_campaign,
     slab,
     survey,
 )
@@ -39,7 +39,7 @@ IN_LINING = [CODES[name] for name in ("lining", "joint", "bolt pocket", "groutin
 
 @pytest.fixture(scope="module")
 def small():
-    return campaign(DENSITY, tunnel=TUNNEL)
+    return simulate_campaign(DENSITY, tunnel=TUNNEL)
 
 
 @pytest.fixture(scope="module")
@@ -650,8 +650,8 @@ SECTION = section_scan(TUNNEL, EPOCHS[0].stations, 45.0, 5000)
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: campaign(density=50), "density: expected at least 100 beams"),
-        (lambda: campaign(density=-1), "density: expected a positive"),
+        (lambda: simulate_campaign(density=50), "density: expected at least 100 beams"),
+        (lambda: simulate_campaign(density=-1), "density: expected a positive"),
         (lambda: Alignment(radius=0.0), "radius: expected a positive"),
         (lambda: Lining(np.zeros((5, 4))), r"steps: expected shape \(rings, 6\), got \(5, 4\)"),
         (lambda: TUNNEL.true_radius(0.0, 5.0, 3), "epoch: expected one of 1, 2; got 3"),

@@ -8,7 +8,7 @@ All coordinates are in m in one frame whose z axis is the scanner's vertical axi
 """
 
 from .scanning import MIXED, AngularGrid, Scan, redraw, scan
-from .surfaces import Cylinder, Disc, Rectangle, Scene, Sphere, Surface
+from .surfaces import Cylinder, Disc, Rectangle, Scene, SceneSurface, Sphere
 from .targets import scan_sphere_target, sphere_target_scene
 
 __all__ = [
@@ -20,7 +20,7 @@ __all__ = [
     "Scan",
     "Scene",
     "Sphere",
-    "Surface",
+    "SceneSurface",
     "redraw",
     "scan",
     "scan_sphere_target",

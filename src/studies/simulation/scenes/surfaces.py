@@ -18,7 +18,7 @@ from analysis.checks import check_positive
 from analysis.scanner import vector
 
 
-class Surface(Protocol):
+class SceneSurface(Protocol):
     """What a scene is made of."""
 
     # ranges (…), inf where none
@@ -183,7 +183,7 @@ class Scene:
     (array([ 4., inf, inf]), array([ 0, -1, -1]))
     """
 
-    surfaces: Iterable[tuple[str, Surface]]
+    surfaces: Iterable[tuple[str, SceneSurface]]
 
     def __post_init__(self):
         surfaces = tuple((label, surface) for label, surface in self.surfaces)

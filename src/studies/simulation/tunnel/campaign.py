@@ -124,7 +124,7 @@ class Setup:
 
 
 @dataclass(frozen=True, eq=False)
-class Station:
+class ScannedStation:
     """A scanned station.
 
     setup : pose (truth), targets
@@ -152,7 +152,7 @@ class Station:
         kinds = ", ".join(
             f"{count} {name}" for name, count in zip(NAMES, counts, strict=True) if count
         )
-        return f"Station(epoch {self.setup.epoch}, chainage {self.setup.chainage:g} m, {len(self)} points: {kinds})"
+        return f"ScannedStation(epoch {self.setup.epoch}, chainage {self.setup.chainage:g} m, {len(self)} points: {kinds})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +172,7 @@ class Campaign:
     epochs: tuple[Epoch, Epoch]
 
 
-def campaign(
+def simulate_campaign(
     density: float = FULL_DENSITY,
     seed: int = SEED,
     *,
@@ -192,7 +192,7 @@ def campaign(
 
     Raises ``ValueError`` for a density below 100.
 
-    >>> both = campaign(density=2000)
+    >>> both = simulate_campaign(density=2000)
     >>> [len(epoch.stations) for epoch in both.epochs]
     [6, 4]
     """
@@ -234,7 +234,7 @@ def survey(tunnel: Tunnel, seed: int = SEED, scanner: Scanner = RIEGL_VZ400) -> 
 
 def scan_station(
     tunnel: Tunnel, setup: Setup, density: float = FULL_DENSITY, scanner: Scanner = RIEGL_VZ400
-) -> Station:
+) -> ScannedStation:
     """Scan one station.
 
     The time is proportional to the density; beams are cast in blocks, so beyond the result the
@@ -257,7 +257,7 @@ def scan_station(
         )
         points.append(ranges[:, None] * beams + errors)
         codes.append(kinds.astype(np.uint8))
-    return Station(setup, np.concatenate(points), np.concatenate(codes))
+    return ScannedStation(setup, np.concatenate(points), np.concatenate(codes))
 
 
 def station_grid(density: float) -> AngularGrid:

@@ -96,7 +96,7 @@ class RingMovement:
 
 
 @dataclass(frozen=True)
-class Deformation:
+class TrueDeformation:
     """All that happens between the epochs."""
 
     squat: Squat = Squat()

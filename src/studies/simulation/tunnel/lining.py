@@ -19,7 +19,7 @@ import numpy as np
 from analysis.checks import check_one_of
 
 from .alignment import from_nearest
-from .deformation import Deformation
+from .deformation import TrueDeformation
 
 EPOCHS = (1, 2)
 SEGMENTS = 6
@@ -65,10 +65,10 @@ class Lining:
     ring_width: float = 1.2
     ovality: tuple[float, float] = (0.010, 0.004)
     ovality_period: float = 70.0
-    deformation: Deformation = Deformation()
+    deformation: TrueDeformation = TrueDeformation()
 
     @classmethod
-    def drawn(
+    def with_random_steps(
         cls,
         length: float,
         generator: np.random.Generator,

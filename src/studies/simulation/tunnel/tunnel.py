@@ -73,4 +73,6 @@ class Tunnel:
 def default_tunnel(seed: int = 2015) -> Tunnel:
     """The tunnel of the study; the seed draws the steps between its segments."""
     alignment = Alignment()
-    return Tunnel(alignment, Lining.drawn(alignment.length, np.random.default_rng(seed)))
+    return Tunnel(
+        alignment, Lining.with_random_steps(alignment.length, np.random.default_rng(seed))
+    )

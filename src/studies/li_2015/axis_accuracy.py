@@ -14,7 +14,7 @@ from analysis.tunnel.axis import Axis, printed_axis, robust_axis
 
 from ..simulation.tunnel import ZONE, Tunnel
 from ..simulation.tunnel.campaign import ELEVATION, INSTRUMENT_HEIGHT, STATIONS
-from .campaign import Cloud
+from .epoch_cloud import EpochCloud
 
 MARGIN = 1.0  # m that are cut off where the ends shall do no harm
 COMPARED = (ZONE[0] + 5.0, ZONE[1] - 5.0)  # m, where axes are compared
@@ -123,7 +123,9 @@ def _everything(tunnel: Tunnel, chainage, alpha, rho):
     return chainage, alpha, rho
 
 
-def axes(cloud: Cloud, true_cloud: Cloud, tunnel: Tunnel) -> tuple[pd.DataFrame, dict[str, Axis]]:
+def axes(
+    cloud: EpochCloud, true_cloud: EpochCloud, tunnel: Tunnel
+) -> tuple[pd.DataFrame, dict[str, Axis]]:
     """Axes of a scan, of the whole tunnel and of the 45 m in which sections are cut.
 
     cloud, true_cloud : joined by registration, and by true poses

@@ -26,7 +26,14 @@ from analysis.tunnel.sections import equal_angles
 from analysis.tunnel.significance import LIMITS, classes, differences, share_beyond
 
 from ..simulation.tunnel import EPOCHS
-from .simulated_sections import ALL, POLE, Compared, SimulatedSection, compared, true_split
+from .simulated_sections import (
+    ALL,
+    POLE,
+    ComparedSection,
+    SimulatedSection,
+    compare_epochs,
+    true_split,
+)
 
 WITHIN = 0.001  # m, in which a maximum counts as recovered
 
@@ -55,7 +62,7 @@ def registrations(cases: Mapping[str, Sequence[SimulatedSection]]) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
-def outlines(of: Sequence[Compared]) -> pd.DataFrame:
+def outlines(of: Sequence[ComparedSection]) -> pd.DataFrame:
     """Table 1 in form: a row a section of one campaign; the ellipses of both epochs, and the
     largest change beside the true one.
 
@@ -86,7 +93,7 @@ def outlines(of: Sequence[Compared]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def directions(of: Sequence[Compared], step: int = 1) -> pd.DataFrame:
+def directions(of: Sequence[ComparedSection], step: int = 1) -> pd.DataFrame:
     """Table 2 in form: a row a direction of one campaign, every ``step``-th; a section's Δρ, its
     standard deviation and the truth, mm.
 
@@ -102,7 +109,7 @@ def directions(of: Sequence[Compared], step: int = 1) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def judged(of: Sequence[Compared]) -> pd.DataFrame:
+def section_quantities(of: Sequence[ComparedSection]) -> pd.DataFrame:
     """Convergence, settlement and ovality of one campaign beside the truth, a row a section and
     quantity.
 
@@ -121,7 +128,7 @@ def judged(of: Sequence[Compared]) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-def _true_ellipse(one: Compared, epoch: int) -> EllipseFit:
+def _true_ellipse(one: ComparedSection, epoch: int) -> EllipseFit:
     """Best ellipse through the true outline in the directions compared."""
     angles = one.change.angles
     radii = one.section.tunnel.true_radius(angles, one.section.chainage, epoch)
@@ -191,14 +198,14 @@ def recovery(
     """
     rows = []
     for words, sections in cases.items():
-        found = [compared(section, campaigns, seed) for section in sections]
+        found = [compare_epochs(section, campaigns, seed) for section in sections]
         names = [f"{section.chainage:g} m" for section in sections]
         rows += [_recovered(words, name, [one]) for name, one in zip(names, found, strict=True)]
         rows.append(_recovered(words, ALL, found))
     return pd.DataFrame(rows)
 
 
-def _recovered(words: str, name: str, of: Sequence[Compared]) -> dict:
+def _recovered(words: str, name: str, of: Sequence[ComparedSection]) -> dict:
     """A row of :func:`recovery`; of several sections together the largest change itself says
     nothing.
     """
@@ -225,7 +232,7 @@ def _recovered(words: str, name: str, of: Sequence[Compared]) -> dict:
 # ------------------------------------------------------------------ what moved, and what is hidden
 
 
-def parts(of: Sequence[Compared]) -> pd.DataFrame:
+def parts(of: Sequence[ComparedSection]) -> pd.DataFrame:
     """Rigid part and shape part of Δρ in one campaign, beside the truth, a row a section; lengths
     in mm.
 
@@ -252,7 +259,7 @@ def parts(of: Sequence[Compared]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def shares(one: Compared) -> pd.DataFrame:
+def shares(one: ComparedSection) -> pd.DataFrame:
     """Δρ of one campaign and what :func:`parts` divides it into, a row a direction.
 
     Columns: `chainage_m`, `angle_deg`; `difference_mm`, `rigid_mm`, `shape_mm` (with the mean); and
@@ -275,7 +282,7 @@ def shares(one: Compared) -> pd.DataFrame:
     )
 
 
-def hidden(one: Compared) -> pd.DataFrame:
+def hidden(one: ComparedSection) -> pd.DataFrame:
     """What the ellipses of one campaign show of a change and what they hide, a row a direction;
     lengths in mm.
 

@@ -2,8 +2,7 @@
 and of those that it keeps.
 
 A filter by distance from one cylinder that stays where it is takes off the wall that has moved; the
-deformation is gone before anyone looks for it. The rules are those of :mod:`.filter_study`; here
-they work on both epochs of a campaign.
+deformation is gone before anyone looks for it.
 """
 
 from __future__ import annotations
@@ -17,9 +16,14 @@ from analysis.result import rms
 from analysis.tunnel.filter import INSIDE, FilteredLining, TunnelAxis, filter_lining
 
 from ..simulation.tunnel import Tunnel
-from .campaign import Cloud
-from .filter import RULES
+from .epoch_cloud import EpochCloud
 
+# Name in tables: keywords of filter_lining.
+RULES = {
+    "one cylinder": {"surface": "cylinder", "segment": np.inf},
+    "cylinder by segments": {"surface": "cylinder"},
+    "cylinder and local surface": {},
+}
 CELL = (np.radians(20.0), 2.0)  # rad, m
 SECTOR = np.radians(120.0)  # to either side of the crown; beyond it the track bed meets the wall
 # lining points of a cell in each epoch: one lost beyond 3 σ changes the mean of n by 3σ/n
@@ -27,9 +31,13 @@ FEWEST = 100
 EMPTIED = 0.5  # of its lining points: a cell that has lost more has no deformation left
 
 
-def filtered(
-    clouds: tuple[Cloud, Cloud], axis: TunnelAxis, tunnel: Tunnel, start: float, end: float
-) -> tuple[tuple[Cloud, Cloud], dict[str, tuple[FilteredLining, FilteredLining]]]:
+def apply_rules(
+    clouds: tuple[EpochCloud, EpochCloud],
+    axis: TunnelAxis,
+    tunnel: Tunnel,
+    start: float,
+    end: float,
+) -> tuple[tuple[EpochCloud, EpochCloud], dict[str, tuple[FilteredLining, FilteredLining]]]:
     """The points of both epochs between two chainages (m), and what each of the ``RULES`` says of
     them, with the same axis for both epochs.
 
@@ -61,7 +69,7 @@ def _part(result: FilteredLining, which: np.ndarray) -> FilteredLining:
 
 
 def effects(
-    clouds: tuple[Cloud, Cloud],
+    clouds: tuple[EpochCloud, EpochCloud],
     linings: dict[str, tuple[FilteredLining, FilteredLining]],
     tunnel: Tunnel,
 ) -> pd.DataFrame:
@@ -90,7 +98,7 @@ def effects(
 
 
 def cells(
-    clouds: tuple[Cloud, Cloud],
+    clouds: tuple[EpochCloud, EpochCloud],
     linings: dict[str, tuple[FilteredLining, FilteredLining]],
     tunnel: Tunnel,
 ) -> pd.DataFrame:

@@ -29,7 +29,7 @@ from ..simulation.tunnel import (
     section_scan,
 )
 from ..simulation.tunnel.campaign import ELEVATION
-from .campaign import Cloud
+from .epoch_cloud import EpochCloud
 
 READINGS = {"equal angles": equal_angles, "local quadratics": local_radii}
 # of a section with too few points to read
@@ -67,7 +67,12 @@ def nearest_station(chainages, setups) -> np.ndarray:
 
 
 def section_counts(
-    linings: tuple[Cloud, Cloud], setups, axis: Axis, tunnel: Tunnel, chainages, density: float
+    linings: tuple[EpochCloud, EpochCloud],
+    setups,
+    axis: Axis,
+    tunnel: Tunnel,
+    chainages,
+    density: float,
 ) -> pd.DataFrame:
     """Sections of the lining in both epochs, scanned from ``setups`` (two tuples): a row a section
     and epoch.
@@ -121,7 +126,7 @@ def full_section(
     return SectionScan(chainage, scan.epoch, *(array[lining] for array in arrays))
 
 
-def noisy(scan: SectionScan, tunnel: Tunnel, seed: int) -> Section:
+def noisy_section(scan: SectionScan, tunnel: Tunnel, seed: int) -> Section:
     """The section with the scanner's noise and without errors of registration, about the true axis."""
     points = section_points(scan, 1, seed)[0]
     ends = tunnel.alignment.position(scan.chainage) + AXIS_PIECE * np.array(
@@ -142,7 +147,9 @@ def readings(scans: dict[str, SectionScan], tunnel: Tunnel, parts, seed: int) ->
     rows = []
     for name, scan in scans.items():
         for part in parts:
-            section = noisy(scan.sample(max(round(part * len(scan)), 1), seed), tunnel, seed)
+            section = noisy_section(
+                scan.sample(max(round(part * len(scan)), 1), seed), tunnel, seed
+            )
             for reading, read in READINGS.items():
                 radii = read(section)
                 errors = 1e3 * radius_errors(section, radii, tunnel, scan.epoch)
