@@ -29,7 +29,7 @@ from ..simulation.tunnel import EPOCHS
 from .simulated_sections import (
     ALL,
     POLE,
-    ComparedSection,
+    SimulatedChange,
     SimulatedSection,
     compare_epochs,
     true_split,
@@ -62,7 +62,7 @@ def registrations(cases: Mapping[str, Sequence[SimulatedSection]]) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
-def outlines(of: Sequence[ComparedSection]) -> pd.DataFrame:
+def outlines(of: Sequence[SimulatedChange]) -> pd.DataFrame:
     """Table 1 in form: a row a section of one campaign; the ellipses of both epochs, and the
     largest change beside the true one.
 
@@ -93,7 +93,7 @@ def outlines(of: Sequence[ComparedSection]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def directions(of: Sequence[ComparedSection], step: int = 1) -> pd.DataFrame:
+def directions(of: Sequence[SimulatedChange], step: int = 1) -> pd.DataFrame:
     """Table 2 in form: a row a direction of one campaign, every ``step``-th; a section's Δρ, its
     standard deviation and the truth, mm.
 
@@ -109,7 +109,7 @@ def directions(of: Sequence[ComparedSection], step: int = 1) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def section_quantities(of: Sequence[ComparedSection]) -> pd.DataFrame:
+def section_quantities(of: Sequence[SimulatedChange]) -> pd.DataFrame:
     """Convergence, settlement and ovality of one campaign beside the truth, a row a section and
     quantity.
 
@@ -128,7 +128,7 @@ def section_quantities(of: Sequence[ComparedSection]) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-def _true_ellipse(one: ComparedSection, epoch: int) -> EllipseFit:
+def _true_ellipse(one: SimulatedChange, epoch: int) -> EllipseFit:
     """Best ellipse through the true outline in the directions compared."""
     angles = one.change.angles
     radii = one.section.tunnel.true_radius(angles, one.section.chainage, epoch)
@@ -205,7 +205,7 @@ def recovery(
     return pd.DataFrame(rows)
 
 
-def _recovered(words: str, name: str, of: Sequence[ComparedSection]) -> dict:
+def _recovered(words: str, name: str, of: Sequence[SimulatedChange]) -> dict:
     """A row of :func:`recovery`; of several sections together the largest change itself says
     nothing.
     """
@@ -232,7 +232,7 @@ def _recovered(words: str, name: str, of: Sequence[ComparedSection]) -> dict:
 # ------------------------------------------------------------------ what moved, and what is hidden
 
 
-def parts(of: Sequence[ComparedSection]) -> pd.DataFrame:
+def parts(of: Sequence[SimulatedChange]) -> pd.DataFrame:
     """Rigid part and shape part of Δρ in one campaign, beside the truth, a row a section; lengths
     in mm.
 
@@ -259,7 +259,7 @@ def parts(of: Sequence[ComparedSection]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def shares(one: ComparedSection) -> pd.DataFrame:
+def shares(one: SimulatedChange) -> pd.DataFrame:
     """Δρ of one campaign and what :func:`parts` divides it into, a row a direction.
 
     Columns: `chainage_m`, `angle_deg`; `difference_mm`, `rigid_mm`, `shape_mm` (with the mean); and
@@ -282,7 +282,7 @@ def shares(one: ComparedSection) -> pd.DataFrame:
     )
 
 
-def hidden(one: ComparedSection) -> pd.DataFrame:
+def hidden(one: SimulatedChange) -> pd.DataFrame:
     """What the ellipses of one campaign show of a change and what they hide, a row a direction;
     lengths in mm.
 

@@ -204,7 +204,7 @@ def simulated_sections(
 
 
 @dataclass(frozen=True, eq=False)
-class ComparedSection:
+class SimulatedChange:
     """A simulated section in B campaigns: points of each epoch (B, n, 3), ellipses, change Δρ about
     the axis point, and the true δ (K,).
     """
@@ -238,14 +238,14 @@ def compare_epochs(
     n_points: int | None = None,
     angles: np.ndarray = ANGLES,
     method: str = "robust",
-) -> ComparedSection:
+) -> SimulatedChange:
     """Draw a section in B campaigns, fit an ellipse to every epoch of each, and compare the epochs
     in directions ``angles`` (K,).
     """
     points = section.draw(campaigns, seed, n_points=n_points)
     ellipses = tuple(fit_ellipse(epoch[..., :2], method) for epoch in points)
     change = deformation(*ellipses, pole=POLE, angles=angles, registration=section.registration)
-    return ComparedSection(section, points, ellipses, change, section.truth(angles))
+    return SimulatedChange(section, points, ellipses, change, section.truth(angles))
 
 
 def true_split(angles: np.ndarray, truth: np.ndarray) -> Split:
