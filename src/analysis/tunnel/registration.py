@@ -18,11 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from ..checks import check_positive, finite_array
-from ..similarity import SMALLEST, Similarity, fit_similarity, thirteen_parameters, umeyama
+from ..similarity import Similarity, fit_similarity, umeyama
+from ..similarity.pairs import SMALLEST
 
 OBSERVED = ["station", "target", "x", "y", "z"]
 CONTROL = ["target", "x", "y", "z"]
@@ -392,86 +392,3 @@ def check_points(
 def _with_point(squares: np.ndarray) -> np.ndarray:
     """Squares of the three coordinates and, as that of the point, their sum."""
     return np.append(squares, squares.sum())
-
-
-# --------------------------------------------------------------------------------- two studies
-
-
-def start_study(
-    trials: int, seed: int, *, step: float = 30.0, targets: int = 5, sd: float = 0.002
-) -> pd.DataFrame:
-    """How often the model with thirteen parameters finds the rotation from R = I, and from the
-    solution by SVD.
-
-    In each class of rotation angles, ``step`` degrees wide, random axes and angles turn ``targets``
-    places in a box of 6 × 20 × 4 m; their errors have the standard deviation ``sd`` m. "Found" is a
-    rotation within 1e-9 of that by SVD.
-
-    Columns: ``from_deg``, ``to_deg``; ``found_from_identity_percent``;
-    ``wrong_but_converged_percent``, ended at another place with every sign of success; of these
-    ``wrong_but_proper_percent``, with a determinant of +1, and
-    ``wrong_with_negative_scale_percent``, where μ < 0 gives it away; ``not_converged_percent``;
-    ``found_from_svd_percent``.
-    """
-    generator = np.random.default_rng(seed)
-    rows = []
-    for low in np.arange(0.0, 180.0, step):
-        axes = generator.standard_normal((trials, 3))
-        angles = np.radians(low + step * generator.uniform(size=(trials, 1)))
-        R = Rotation.from_rotvec(
-            angles * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
-        ).as_matrix()
-        x = (6.0, 20.0, 4.0) * generator.uniform(-0.5, 0.5, size=(trials, targets, 3))
-        X = x @ R.swapaxes(-1, -2) + sd * generator.standard_normal(x.shape)
-        right = umeyama(x, X)[1]
-        from_identity, from_svd = (
-            thirteen_parameters(x, X, start=np.eye(3)),
-            thirteen_parameters(x, X),
-        )
-        found, also = (
-            np.abs(one.rotation - right).max(axis=(-1, -2)) < 1e-9
-            for one in (from_identity, from_svd)
-        )
-        wrong = ~found & from_identity.converged
-        shares = {
-            "found_from_identity": found,
-            "wrong_but_converged": wrong,
-            "wrong_but_proper": wrong & (np.linalg.det(from_identity.rotation) > 0),
-            "wrong_with_negative_scale": wrong & (from_identity.scale < 0),
-            "not_converged": ~from_identity.converged & ~found,
-            "found_from_svd": also,
-        }
-        rows.append(
-            {
-                "from_deg": low,
-                "to_deg": low + step,
-                **{f"{name}_percent": 100 * values.mean() for name, values in shares.items()},
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-def spread_study(
-    half_widths, *, targets: int = 4, length: float = 20.0, sd: float = 0.002, wall: float = 2.7
-) -> pd.DataFrame:
-    """Roll about the tunnel's axis by how far to the sides the targets stand.
-
-    ``targets`` stand along the axis at equal distances over ``length`` m, by turns ``half_width`` m
-    to the left and to the right of it; a misclosure has the standard deviation ``sd`` m a
-    coordinate. Columns: ``half_width_m``, ``roll_arcsec``, ``wall_mm`` at ``wall`` m from the axis.
-    """
-    rows = []
-    for half_width in half_widths:
-        along = np.linspace(-0.5 * length, 0.5 * length, targets)
-        side = half_width * np.where(np.arange(targets) % 2, 1.0, -1.0)
-        x = np.column_stack([side, along, np.zeros(targets)])
-        fit = fit_similarity(x, x, scale=False, target_cofactors=sd**2, absolute=True)
-        roll = float(np.sqrt(fit.central_cofactor[4, 4]))
-        rows.append(
-            {
-                "half_width_m": half_width,
-                "roll_arcsec": ARCSECONDS * roll,
-                "wall_mm": 1e3 * wall * roll,
-            }
-        )
-    return pd.DataFrame(rows)

@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from analysis.result import ConvergenceWarning
-from analysis.similarity import fit_similarity, thirteen_parameters, umeyama
+from analysis.similarity import fit_similarity, umeyama
 from analysis.tunnel.registration import ARCSECONDS, Station, section_errors
 
 from ..simulation.tunnel import Epoch, Setup, Tunnel
 from ..simulation.tunnel.campaign import NET_SD, TARGET_SD
 from .register_campaign import station_names
+from .thirteen_parameters import thirteen_parameters
 
 ABSOLUTE = {"source_cofactors": TARGET_SD**2, "target_cofactors": NET_SD**2, "absolute": True}
 RING = np.radians(np.arange(-135.0, 136.0, 5.0))  # directions of a section, away from the track bed

@@ -14,8 +14,6 @@ from analysis.tunnel.registration import (
     register_stations,
     residual_table,
     section_errors,
-    spread_study,
-    start_study,
     station_table,
 )
 
@@ -293,14 +291,6 @@ def test_station_table_states_what_the_redraws_show():
     assert (table["targets"], table["in_use"]) == (6, 6)
 
 
-def test_roll_falls_as_the_targets_stand_further_apart():
-    table = spread_study([0.5, 2.5])
-    np.testing.assert_allclose(table["roll_arcsec"][0] / table["roll_arcsec"][1], 5.0, rtol=1e-6)
-    # Without a slant to the axis: σ/√(Σ side²).
-    symmetric = 206265 * 0.002 / np.sqrt(4 * 0.5**2)
-    assert symmetric < table["roll_arcsec"][0] < 1.2 * symmetric
-
-
 # ------------------------------------------------------------------ check points
 
 
@@ -338,25 +328,3 @@ def test_interval_of_check_points_covers_as_often_as_it_says():
 def test_check_points_are_checked():
     with pytest.raises(ValueError, match="derived, surveyed: expected the same shape"):
         check_points(np.zeros((1, 3)), np.zeros((1, 3)))
-
-
-# ------------------------------------------------------------------ the start of the thirteen
-# parameters
-
-
-def test_unit_matrix_is_a_start_up_to_a_right_angle_only():
-    table = start_study(200, seed=1)
-    assert list(table["from_deg"]) == [0, 30, 60, 90, 120, 150]
-    assert (table["found_from_svd_percent"] == 100).all()
-    assert (table["found_from_identity_percent"][:3] == 100).all()
-    assert (np.diff(table["found_from_identity_percent"][2:]) < 0).all() and table[
-        "found_from_identity_percent"
-    ][5] < 50
-    # The failures look like successes, but for the sign of the scale.
-    assert table["wrong_but_converged_percent"][5] > 30
-    for column in ("wrong_but_proper_percent", "wrong_with_negative_scale_percent"):
-        np.testing.assert_array_equal(table[column], table["wrong_but_converged_percent"])
-    total = table[
-        ["found_from_identity_percent", "wrong_but_converged_percent", "not_converged_percent"]
-    ].sum(axis=1)
-    np.testing.assert_allclose(total, 100.0)
