@@ -47,7 +47,7 @@ $(ENVIRONMENT): $(PACKAGES) pyproject.toml
 	@touch $@
 
 reproduce: $(ENVIRONMENT) ## run the notebooks whose inputs changed (in a fresh clone: all), then show the headline table
-	@$(IN_VENV) -m project.scans --needed || echo "Without the scans, notebook 04 keeps its stored output; everything else is run."
+	@$(IN_VENV) -m project.scans --needed || echo "Without the scans, notebook 05 keeps its stored output; everything else is run."
 	@$(MAKE) --no-print-directory -j 2 notebooks
 	@$(IN_VENV) -m project.readme --show headline
 
@@ -62,7 +62,7 @@ build/notebooks/%.stamp: notebooks/%.ipynb $(SOURCES) $(PACKAGES) | $(ENVIRONMEN
 LAST := $(lastword $(STAMPS))
 $(LAST): $(filter-out $(LAST),$(STAMPS))
 
-build/notebooks/04_real_spheres.stamp: $(wildcard data/scans/*.xyz)
+build/notebooks/05_real_spheres.stamp: $(wildcard data/scans/*.xyz)
 
 test: $(ENVIRONMENT) ## unit tests and doctests; then every notebook run again and compared with its stored output and tables
 	@$(IN_VENV) -m pytest $(TOGETHER)

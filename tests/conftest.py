@@ -1,4 +1,4 @@
-"""Keeps test runs out of the checkout, and notebook 04 out of runs without scans."""
+"""Keeps test runs out of the checkout, and notebook 05 out of runs without scans."""
 
 import os
 import shutil

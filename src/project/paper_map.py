@@ -85,8 +85,8 @@ PAPER_TO_PROJECT = (
     ),
     (
         "sphere: table 3, by simulated scans (its own are unpublished)",
-        "04_real_spheres",
-        f"{RESULTS}04_real_spheres_table3_cleaned.csv",
+        "04_scanned_spheres",
+        f"{RESULTS}04_scanned_spheres_table3_cleaned.csv",
         counted,
     ),
     (

@@ -31,14 +31,14 @@ def comparisons():
 
 
 def audited():
-    """Every printed number with its verdict, as notebook 10 wrote them."""
+    """Every printed number with its verdict, as notebook 11 wrote them."""
     return tables.read(paths.RESULTS / "11_audit_verdicts.csv")
 
 
 def scans():
-    """The errors on the real scans by method, as notebook 04 wrote them."""
+    """The errors on the real scans by method, as notebook 05 wrote them."""
     results = (
-        tables.read(paths.RESULTS / f"04_real_spheres_{name}.csv")
+        tables.read(paths.RESULTS / f"05_real_spheres_{name}.csv")
         for name in ("whole_scans", "robust", "peers")
     )
     return tables.markdown(real_spheres.summary(*results), 2)

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from analysis.export import files
 from studies import paths
+from studies.ou_liu_2017.real_spheres import REFERENCE_CENTERS
 
 COMMIT = "025fbce0fb5b19c0ea6916b3f981ee405563ea5a"
 BASE_URL = f"https://raw.githubusercontent.com/usnistgov/DMG_SphereFitting/{COMMIT}/DATA/"
@@ -34,10 +35,10 @@ SHA256 = {
     "SPH111.xyz": "22d401150af5fbe698d9731008e16461c99ba765b9b2816e36470c75477402c3",
 }
 
-NOTEBOOK = "04_real_spheres"
+NOTEBOOK = "05_real_spheres"
 """The one notebook that reads scans."""
 
-NOTEBOOK_SCANS = ("SPH101.xyz", "SPH102.xyz", "SPH103.xyz", "SPH107.xyz")
+NOTEBOOK_SCANS = tuple(f"{scan}.xyz" for scan in REFERENCE_CENTERS)
 """The scans it reads."""
 
 TIMEOUT = 20

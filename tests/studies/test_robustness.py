@@ -1,4 +1,4 @@
-"""The Monte Carlo studies of notebook 05: that the clouds are what they are said to be, and that the tables count right."""
+"""The Monte Carlo studies of notebook 06: that the clouds are what they are said to be, and that the tables count right."""
 
 import numpy as np
 import pandas as pd

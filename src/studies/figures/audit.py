@@ -1,4 +1,4 @@
-"""The figure of notebook 10: every printed number at once."""
+"""The figure of notebook 11: every printed number at once."""
 
 from __future__ import annotations
 

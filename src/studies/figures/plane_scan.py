@@ -1,4 +1,4 @@
-"""The figures of notebook 07: a cluttered ground scan, errors and stated accuracy, and how the
+"""The figures of notebook 08: a cluttered ground scan, errors and stated accuracy, and how the
 algorithms converge.
 """
 

@@ -1,4 +1,4 @@
-"""The figures of notebook 06: where the plane simulation took place, what it prints, and how good
+"""The figures of notebook 07: where the plane simulation took place, what it prints, and how good
 the methods are.
 """
 

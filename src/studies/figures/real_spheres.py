@@ -1,4 +1,4 @@
-"""Figures of notebook 04: a scan in section, centre errors by method and scan, and how tightly a
+"""Figures of notebook 05: a scan in section, centre errors by method and scan, and how tightly a
 scan must be trimmed.
 """
 

@@ -1,4 +1,4 @@
-"""The figures of notebook 05. Bars are 95 % intervals of the Monte Carlo error throughout."""
+"""The figures of notebook 06. Bars are 95 % intervals of the Monte Carlo error throughout."""
 
 from __future__ import annotations
 

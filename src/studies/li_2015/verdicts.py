@@ -1,7 +1,7 @@
 """The verdicts on Li and others (2015), whose tables are lost: the campaign is taken over, what
 came out of it cannot be checked.
 
-The simulated tunnel is given the printed deformations; notebooks 08 and 09 say what scanning,
+The simulated tunnel is given the printed deformations; notebooks 09 and 10 say what scanning,
 registration and ellipses make of them.
 """
 

@@ -9,7 +9,7 @@ import pandas as pd
 from ..printed.comparison import OUTSIDE
 from ..printed.numbers import METHODS, SYMBOLS
 
-# Why a number is outside: (table, method, quantity) -> cause. Notebooks 03 and 10 show what each
+# Why a number is outside: (table, method, quantity) -> cause. Notebooks 03 and 11 show what each
 # rests on.
 _CENTRE_CONTRADICTS_SIGMA_0 = "contradicts its own row: the printed centre leaves a larger σ0 than printed, whatever the radius"
 _UNSEEN = "unseen gross error: of gross errors of random size, one below 1.5 σ = 0.3 m keeps its weight and does this"

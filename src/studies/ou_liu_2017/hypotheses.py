@@ -435,7 +435,7 @@ def scans() -> pd.DataFrame:
     over that of IGG III-WTLS stands twice, once for each meaning: the two readings stand against
     each other.
     """
-    measured = tables.read(RESULTS / "04_real_spheres_table3_measured.csv")
+    measured = tables.read(RESULTS / "04_scanned_spheres_table3_measured.csv")
     rows = []
     ratios = measured[~measured["relation"].str.startswith("LS and TLS")]
     for (relation, sphere), group in ratios.groupby(["relation", "sphere"], sort=False):

@@ -99,15 +99,15 @@ def _of_scans(number: PrintedNumber, results: Results, why: str) -> Judgement:
     """Table 3 by simulated scans, cleaned; the centre of IGG III-WTLS stands for the truth in them."""
     if number.method == table3.CENTRE_IS_ASSUMED and number.quantity in CENTRES:
         where = "where the target stood is not known; taken as the centre of the simulated scans"
-        return Judgement(NOT_CHECKABLE, where, "04_real_spheres")
-    frame = results["04_real_spheres_table3_cleaned"]
+        return Judgement(NOT_CHECKABLE, where, "04_scanned_spheres")
+    frame = results["04_scanned_spheres_table3_cleaned"]
     place = (
         (frame["sample"] == number.sample)
         & (frame["method"] == number.method)
         & (frame["quantity"] == number.quantity)
     )
     (line,) = frame[place].itertuples()
-    return from_comparison(line, why, "04_real_spheres")
+    return from_comparison(line, why, "04_scanned_spheres")
 
 
 def of_percentage(number, results: Results) -> Judgement:
@@ -166,7 +166,7 @@ def _origin_decides(results: Results) -> bool:
 
 
 def _ls_tls_agree(results: Results) -> bool:
-    frame = results["04_real_spheres_table3_measured"]
+    frame = results["04_scanned_spheres_table3_measured"]
     return frame.loc[frame["relation"].str.startswith("LS and TLS"), "upper"].max() < 0.2
 
 
@@ -177,7 +177,7 @@ def _digits_explain(results: Results) -> bool:
 
 def _not_cleaned(results: Results) -> bool:
     """σs of LS in table 3 is far above that of simulated scans without foreign points."""
-    frame = results["04_real_spheres_table3_cleaned"]
+    frame = results["04_scanned_spheres_table3_cleaned"]
     rows = frame[(frame["method"] == "ls") & (frame["quantity"] == "sigma_s_m")]
     return bool((rows["printed"].astype(float) > 2 * rows["upper"]).all())
 
@@ -206,7 +206,7 @@ _SETTINGS = {
     "k0": "02_sphere_methods",
     "k1": "02_sphere_methods",
     "delta0": "02_sphere_methods",
-    "radius_nominal": "04_real_spheres",
+    "radius_nominal": "04_scanned_spheres",
 }
 _TEXT: dict[str, Evaluator] = {name: setting(notebook) for name, notebook in _SETTINGS.items()}
 _TEXT |= {
@@ -265,15 +265,15 @@ _TEXT |= {
     "claim_table3_clean": refuted_if(
         _not_cleaned,
         "σs of LS is far above that of clean scans and its radii are too large, as points left in off the sphere make them",
-        "04_real_spheres",
+        "04_scanned_spheres",
     ),
     "claim_table3_ls_tls": holds_if(
-        _ls_tls_agree, "within 0.2 mm on simulated scans", "04_real_spheres"
+        _ls_tls_agree, "within 0.2 mm on simulated scans", "04_scanned_spheres"
     ),
     "claim_table3_best": refuted_if(
         _not_the_same_points,
         "σs counts the points in use for one method and all for the others, and the σ0 have other units",
-        "04_real_spheres",
+        "04_scanned_spheres",
     ),
     "claim_both_errors": refuted_if(
         lambda results: _spread(2, "WTLS")(results) >= _spread(2, "LS")(results),
@@ -282,7 +282,7 @@ _TEXT |= {
     ),
     "claim_more_robust": holds_if(
         _ten_times(_spread(2, "LS"), _spread(2, "IGG III-WTLS")),
-        "as table 2 shows; notebook 05 says up to which share",
+        "as table 2 shows; notebook 06 says up to which share",
         "06_robustness",
     ),
     "claim_slow": holds_if(

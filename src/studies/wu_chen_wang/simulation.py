@@ -38,7 +38,7 @@ class Variant:
     true_weights: bool = False
 
 
-# The paper's quasi-Newton algorithm finds the same minimum (notebooks 06 and 07); Newton's takes
+# The paper's quasi-Newton algorithm finds the same minimum (notebooks 07 and 08); Newton's takes
 # half the time.
 NEWTON = {"algorithm": "newton"}
 

@@ -19,7 +19,7 @@ from ..printed.judgement import (
 
 PAPER = "wu_chen_wang/"
 SIMULATION, REAL = "07_plane_simulation", "08_plane_scan"
-PRINTED = {  # id -> how notebook 06 names it
+PRINTED = {  # id -> how notebook 07 names it
     "sim_sigma_s_LS": "sigma_s_ls_cm",
     "sim_sigma_s_TLS": "sigma_s_tls_cm",
     "sim_sigma_s_WTLS": "sigma_s_wtls_cm",
@@ -33,7 +33,7 @@ _PLACE = "the points are not published; height and range of the scanner follow f
 _NOISE = (
     "neither the points nor the scanner are known; one of the usual precision gives the same size"
 )
-SCANNED = {  # id -> how notebook 07 names it, and why it proves nothing that scans of ours are near
+SCANNED = {  # id -> how notebook 08 names it, and why it proves nothing that scans of ours are near
     "real_sigma0_gain_vs_LS": ("gain_vs_ls_percent", _PLACE),
     "real_sigma0_gain_vs_TLS": ("gain_vs_tls_percent", _PLACE),
     "real_sigma_s": ("sigma_s_mm", _NOISE),

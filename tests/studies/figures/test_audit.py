@@ -1,4 +1,4 @@
-"""The figure of notebook 10 shows every printed number once, where its table has it."""
+"""The figure of notebook 11 shows every printed number once, where its table has it."""
 
 import numpy as np
 import pytest

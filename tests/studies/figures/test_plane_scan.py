@@ -1,4 +1,4 @@
-"""The figures of notebook 07 show, and export, what was computed."""
+"""The figures of notebook 08 show, and export, what was computed."""
 
 from dataclasses import replace
 

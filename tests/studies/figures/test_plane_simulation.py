@@ -1,4 +1,4 @@
-"""The figures of notebook 06 show, and export, what was computed."""
+"""The figures of notebook 07 show, and export, what was computed."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""What the figures of notebook 04 show is what is exported, and that is what the study returned."""
+"""What the figures of notebook 05 show is what is exported, and that is what the study returned."""
 
 import numpy as np
 import pandas as pd
@@ -34,9 +34,9 @@ def assert_same(found, expected):
 
 
 def test_section(table):
-    figures.section(SCAN, 0.01, 0.003, "04_test_section")
+    figures.section(SCAN, 0.01, 0.003, "05_test_section")
     figure = pyplot.gcf()
-    shown = exported("04_test_section")
+    shown = exported("05_test_section")
     circles = shown[shown["method"].notna()]
     whole = real_spheres.section_circles(SCAN, WHOLE)
     assert_same(
@@ -59,10 +59,10 @@ def test_section(table):
 def test_errors(table):
     peer = table.iloc[:1].assign(method="scipy cauchy", sd_center_mm=np.nan, center_error_mm=3.0)
     table = pd.concat([table, peer])
-    figures.errors(table, 0.4, "04_test_errors")
+    figures.errors(table, 0.4, "05_test_errors")
     figure = pyplot.gcf()
     assert_same(
-        exported("04_test_errors"),
+        exported("05_test_errors"),
         table[["half_width_mm", "scan", "method", "center_error_mm", "sd_center_mm"]],
     )
     assert len(figure.axes) == 3
@@ -75,9 +75,9 @@ def test_errors(table):
 
 
 def test_trimming(table):
-    figures.trimming(table, "04_test_trimming")
+    figures.trimming(table, "05_test_trimming")
     figure = pyplot.gcf()
-    shown = exported("04_test_trimming")
+    shown = exported("05_test_trimming")
     assert_same(shown, table[list(shown.columns)])
     (ax,) = figure.axes
     for name, method in SPHERE_METHODS.items():

@@ -1,4 +1,4 @@
-"""What the figures of notebook 08 show is what is exported, and that is what the studies returned."""
+"""What the figures of notebook 09 show is what is exported, and that is what the studies returned."""
 
 import numpy as np
 import pandas as pd

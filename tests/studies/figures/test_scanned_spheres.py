@@ -5,7 +5,7 @@ import pandas as pd
 from matplotlib import pyplot
 
 from analysis.methods import SPHERE_METHODS
-from studies.figures import table3 as figures
+from studies.figures import scanned_spheres as figures
 from studies.ou_liu_2017 import table3
 
 from . import exported
@@ -22,8 +22,8 @@ def test_methods():
         for place, variant in enumerate(variants)
     ]
     table = pd.DataFrame(rows)
-    figures.methods(table, table3.printed_errors(), "04_test_table3_methods")
-    shown = exported("04_test_table3_methods")
+    figures.methods(table, table3.printed_errors(), "04_test_scanned_methods")
+    shown = exported("04_test_scanned_methods")
     cleaned = table[table["state"] == table3.CLEANED]
     assert shown["along_mm"].dropna()[: len(cleaned)].tolist() == cleaned["along_mm"].tolist()
     left, right = pyplot.gcf().axes
@@ -54,8 +54,8 @@ def test_cleaning():
     ]
     table = pd.DataFrame(rows)
     printed = table3.printed_settings()
-    figures.cleaning(table, printed, "04_test_table3_cleaning")
-    assert len(exported("04_test_table3_cleaning")) == len(table) + len(printed)
+    figures.cleaning(table, printed, "04_test_scanned_cleaning")
+    assert len(exported("04_test_scanned_cleaning")) == len(table) + len(printed)
     for ax, sphere in zip(pyplot.gcf().axes, ("I", "II"), strict=True):
         curves = [line for line in ax.lines if line.get_marker() == "o"]
         assert [line.get_xdata().tolist() for line in curves] == [

@@ -1,4 +1,4 @@
-"""Figures of notebook 04 that belong to table 3: what every method makes of a scan, and what
+"""Figures of notebook 04: what every method makes of a scan, and what
 cleaning does to LS and IGG III-WTLS.
 """
 
