@@ -182,6 +182,24 @@ def test_as_a_module_from_a_terminal_without_greek_letters(scan):
     assert b"radius" in ended.stdout
 
 
+LOADED = """
+import sys
+import analysis
+from analysis.__main__ import main
+assert main(["fit", "sphere", sys.argv[1]]) == 0
+print(*sorted({module.partition(".")[0] for module in sys.modules}), file=sys.stderr)
+"""
+
+
+def test_a_fit_loads_nothing_for_pictures_studies_or_other_formats(scan, tmp_path):
+    command = [sys.executable, "-c", LOADED, scan]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=True)
+    loaded = set(done.stderr.split())
+    assert {"analysis", "numpy"} <= loaded
+    assert not loaded & {"matplotlib", "PIL", "joblib", "IPython", "nbformat", "nbclient"}
+    assert not loaded & {"laspy", "trimesh", "pye57", "studies", "project"}
+
+
 @pytest.fixture
 def wall(tmp_path):
     """A scan of 200 points of a vertical plane, noise 1 mm."""
