@@ -1,8 +1,8 @@
-"""Long arrays are walked through in pieces that fit the processor's cache."""
+"""Pieces of long arrays that fit the processor's cache."""
 
 from __future__ import annotations
 
-# Arrays are walked through in pieces of about this many points: the handful of temporaries a
+# Arrays are processed in pieces of about this many points: the handful of temporaries that a
 # piece needs then stays in the processor's cache, and the memory in use does not grow with n.
 BLOCK = 16_384
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +23,9 @@ from .checks import (
     weight_array,
 )
 from .orthogonal import gauss_helmert
-from .result import Fit, joined, warn_if_not_converged
-from .surfaces import cylinder, ellipse, plane, sphere
+from .orthogonal.cloud import Cloud, DegenerateCloud
+from .result import Array, Fit, join, warn_if_not_converged
+from .surfaces import cylinder, ellipse, plane, plane_eiv, sphere, sphere_eiv
 
 # Where the number of iterations varies much from cloud to cloud, more of them together: the slowest
 # then run alone for a smaller part of the time.
@@ -34,94 +36,94 @@ OU_LIU = "Ou & Liu 2017, doi:10.7510/jgjs.issn.1001-3806.2017.05.026"
 
 @dataclass(frozen=True)
 class Method:
-    """A named method: what tables call it, who described it, the colour it has in every figure,
-    what computes it.
+    """A named method: its label in tables, its sources, its colour in figures, and its function.
 
     Clouds of a stack are solved together as many as make ``block`` points, so that what one step
     needs stays in the processor's cache. A ``consistent`` method takes full cofactors of the points
-    and a held radius; the printed ones cannot. ``sigma_0_unit`` is the unit of σ0 without
-    cofactors:
-    m² where the residual is algebraic, |p − k|² − r².
+    and a fixed radius; the printed ones cannot. A ``seeded`` one draws random numbers.
+    ``sigma_0_unit`` is the unit of σ0 without cofactors: m² where the residual is algebraic,
+    |p − k|² − r².
     """
 
     label: str
     citation: str
     colour: str
-    function: Callable
+    function: Callable[..., Fit]
     block: int = BLOCK
     consistent: bool = False
+    seeded: bool = False
     sigma_0_unit: str = "m"
 
 
-# Colours: Okabe & Ito's eight, which colour-blind readers can tell apart.
+# Colours: Okabe & Ito's eight, which colour-blind readers can tell apart; a method has the same one
+# for every surface.
+GEOMETRIC = Method(
+    "orthogonal distance",
+    "Pope 1972; Neitzel 2010",
+    "#999999",
+    gauss_helmert.geometric,
+    consistent=True,
+)
+ROBUST = Method(
+    "robust",
+    "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
+    "#000000",
+    gauss_helmert.robust,
+    consistent=True,
+    seeded=True,
+)
+
 SPHERE_METHODS: dict[str, Method] = {
-    "ls": Method("LS", "Kåsa 1976; " + OU_LIU, "#0072B2", sphere.ls, sigma_0_unit="m²"),
+    "ls": Method("LS", "Kåsa 1976; " + OU_LIU, "#0072B2", sphere_eiv.ls, sigma_0_unit="m²"),
     "tls": Method(
         "TLS (pure SVD)",
         "Golub & Van Loan 1980; " + OU_LIU,
         "#D55E00",
-        sphere.tls,
+        sphere_eiv.tls,
         sigma_0_unit="m²",
     ),
     "mixed_ls_tls": Method(
         "mixed LS-TLS",
         "Van Huffel & Vandewalle 1991",
         "#CC79A7",
-        sphere.mixed_ls_tls,
+        sphere_eiv.mixed_ls_tls,
         sigma_0_unit="m²",
     ),
-    "wtls": Method("WTLS", "Schaffrin & Wieser 2008; " + OU_LIU, "#E69F00", sphere.wtls),
-    "igg3_wtls": Method("IGG III-WTLS", OU_LIU, "#009E73", igg3.igg3_wtls, LONG_BLOCK),
-    "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", sphere.eiv, consistent=True),
-    "geometric": Method(
-        "orthogonal distance",
-        "Pope 1972; Neitzel 2010",
-        "#999999",
-        gauss_helmert.geometric,
-        consistent=True,
+    "wtls": Method("WTLS", "Schaffrin & Wieser 2008; " + OU_LIU, "#E69F00", sphere_eiv.wtls),
+    "igg3_wtls": Method(
+        "IGG III-WTLS",
+        OU_LIU,
+        "#009E73",
+        partial(igg3.igg3_wtls, printed_problem=sphere_eiv.printed_problem),
+        LONG_BLOCK,
     ),
-    "robust": Method(
-        "robust",
-        "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
-        "#000000",
-        gauss_helmert.robust,
-        consistent=True,
-    ),
+    "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", sphere_eiv.eiv, consistent=True),
+    "geometric": GEOMETRIC,
+    "robust": ROBUST,
 }
 
-
-# The same methods have the same colours.
 PLANE_METHODS: dict[str, Method] = {
-    "ls": Method("LS", "Gauss-Markov model; " + WU_CHEN_WANG, "#0072B2", plane.ls),
-    "tls": Method("TLS (pure SVD)", "Golub & Van Loan 1980; " + WU_CHEN_WANG, "#D55E00", plane.tls),
-    "mixed_ls_tls": Method(
-        "mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", plane.mixed_ls_tls
+    "ls": Method("LS", "Gauss-Markov model; " + WU_CHEN_WANG, "#0072B2", plane_eiv.ls),
+    "tls": Method(
+        "TLS (pure SVD)", "Golub & Van Loan 1980; " + WU_CHEN_WANG, "#D55E00", plane_eiv.tls
     ),
-    "wtls": Method("WTLS", "Malengo & Pennecchi 2013; " + WU_CHEN_WANG, "#E69F00", plane.wtls),
+    "mixed_ls_tls": Method(
+        "mixed LS-TLS", "Van Huffel & Vandewalle 1991", "#CC79A7", plane_eiv.mixed_ls_tls
+    ),
+    "wtls": Method("WTLS", "Malengo & Pennecchi 2013; " + WU_CHEN_WANG, "#E69F00", plane_eiv.wtls),
     "igg3_wtls": Method(
         "IGG III-WTLS",
         "the scheme of Ou & Liu 2017 with the weights of " + WU_CHEN_WANG,
         "#009E73",
-        igg3.igg3_wtls,
+        partial(igg3.igg3_wtls, printed_problem=plane_eiv.printed_problem),
         LONG_BLOCK,
     ),
-    "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", plane.eiv, consistent=True),
-    "geometric": Method(
-        "orthogonal distance",
-        "Pearson 1901; Pope 1972",
-        "#999999",
-        plane.geometric,
-        consistent=True,
+    "eiv": Method("EIV, full cofactors", "Fang 2013", "#56B4E9", plane_eiv.eiv, consistent=True),
+    "geometric": replace(
+        GEOMETRIC, citation="Pearson 1901; Pope 1972", function=plane_eiv.geometric
     ),
-    "robust": Method(
-        "robust",
-        "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
-        "#000000",
-        gauss_helmert.robust,
-        consistent=True,
-    ),
+    "robust": ROBUST,
 }
-
 
 ELLIPSE_METHODS: dict[str, Method] = {
     "direct": Method(
@@ -133,58 +135,28 @@ ELLIPSE_METHODS: dict[str, Method] = {
     "robust_direct": Method(
         "robust direct LS", "after Xu & Yao 2008", "#009E73", ellipse.robust_direct
     ),
-    "geometric": Method(
-        "orthogonal distance",
-        "Gander, Golub & Strebel 1994; Pope 1972",
-        "#999999",
-        gauss_helmert.geometric,
-        consistent=True,
-    ),
-    "robust": Method(
-        "robust",
-        "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
-        "#000000",
-        gauss_helmert.robust,
-        consistent=True,
-    ),
+    "geometric": replace(GEOMETRIC, citation="Gander, Golub & Strebel 1994; Pope 1972"),
+    "robust": ROBUST,
 }
 
-
-CYLINDER_METHODS: dict[str, Method] = {
-    "geometric": Method(
-        "orthogonal distance",
-        "Pope 1972; Neitzel 2010",
-        "#999999",
-        gauss_helmert.geometric,
-        consistent=True,
-    ),
-    "robust": Method(
-        "robust",
-        "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
-        "#000000",
-        gauss_helmert.robust,
-        consistent=True,
-    ),
-}
+CYLINDER_METHODS: dict[str, Method] = {"geometric": GEOMETRIC, "robust": ROBUST}
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What can be fitted: its name in a message, the points it needs, how a stack of clouds is
-    prepared, and its methods.
-    """
+    """A kind of surface: its points, how a stack of clouds is prepared, and its methods."""
 
-    name: str
+    cloud: type[Cloud]
     dimension: int
-    minimum: int
-    reduce: Callable
+    minimum: int  # number of points
+    reduce: Callable[..., Cloud]
     methods: dict[str, Method]
 
 
-SPHERE = Geometry("a sphere", 3, 4, sphere.reduce, SPHERE_METHODS)
-CYLINDER = Geometry("an elliptic cylinder", 3, 7, cylinder.reduce, CYLINDER_METHODS)
-ELLIPSE = Geometry("an ellipse", 2, 5, ellipse.reduce, ELLIPSE_METHODS)
-PLANE = Geometry("a plane", 3, 3, plane.reduce, PLANE_METHODS)
+SPHERE = Geometry(sphere.SphereCloud, 3, 4, sphere.reduce, SPHERE_METHODS)
+PLANE = Geometry(plane.PlaneCloud, 3, 3, plane.reduce, PLANE_METHODS)
+ELLIPSE = Geometry(ellipse.EllipseCloud, 2, 5, ellipse.reduce, ELLIPSE_METHODS)
+CYLINDER = Geometry(cylinder.CylinderCloud, 3, 7, cylinder.reduce, CYLINDER_METHODS)
 
 
 def fit_sphere(
@@ -204,7 +176,7 @@ def fit_sphere(
     ----------
     points : (n, 3) or (…, n, 3) coordinates in m, n ≥ 4. Not changed.
     method : a name from ``SPHERE_METHODS``.
-    radius : a radius in m to be held, or None to estimate it (methods ``eiv``, ``geometric``,
+    radius : a fixed radius in m, or None to estimate it (methods ``eiv``, ``geometric``,
         ``robust``).
     cofactors : (n,) or (…, n) variances of the points, each the same in x, y, z; or, for the same
         methods, (n, 3, 3) or (…, n, 3, 3) covariances. None for equal ones.
@@ -230,8 +202,11 @@ def fit_sphere(
     >>> fit.center.round(9), round(float(fit.radius), 9)
     (array([10., 10.,  1.]), 2.0)
     """
-    held = {} if radius is None else {"radius": check_positive(radius, "radius")}
-    return _fitted(SPHERE, points, method, cofactors, weights, absolute, seed, held, method_options)
+    geometry, fixed = SPHERE, None
+    if radius is not None:
+        radius, fixed = check_positive(radius, "radius"), "radius"
+        geometry = replace(SPHERE, reduce=partial(sphere.reduce, radius=radius))
+    return _fit(geometry, points, method, cofactors, weights, absolute, seed, method_options, fixed)
 
 
 def fit_plane(
@@ -273,7 +248,7 @@ def fit_plane(
     if station.shape != (3,):
         raise ValueError(f"station: expected shape (3,), got {station.shape}")
     geometry = replace(PLANE, reduce=partial(plane.reduce, station=station))
-    return _fitted(geometry, points, method, cofactors, weights, absolute, seed, {}, method_options)
+    return _fit(geometry, points, method, cofactors, weights, absolute, seed, method_options)
 
 
 def fit_ellipse(
@@ -310,7 +285,7 @@ def fit_ellipse(
     >>> fit.center.round(9), fit.semi_axes.round(9)
     (array([1., 2.]), array([3., 2.]))
     """
-    return _fitted(ELLIPSE, points, method, cofactors, weights, absolute, seed, {}, method_options)
+    return _fit(ELLIPSE, points, method, cofactors, weights, absolute, seed, method_options)
 
 
 def fit_elliptic_cylinder(
@@ -350,68 +325,77 @@ def fit_elliptic_cylinder(
     (array([0., 1., 0.]), array([3., 2.]), 0.0)
     """
     geometry = replace(CYLINDER, reduce=partial(cylinder.reduce, axis=axis))
-    return _fitted(geometry, points, method, cofactors, weights, absolute, seed, {}, method_options)
+    return _fit(geometry, points, method, cofactors, weights, absolute, seed, method_options)
 
 
-def _fitted(
+def _fit(
     geometry: Geometry,
     points,
-    method,
+    method: str,
     cofactors,
     weights,
-    absolute,
-    seed,
-    held: dict[str, float],
-    options: dict,
-) -> Fit:
-    """The part of every ``fit_*`` that is the same: arguments checked, the stack solved a block of
-    clouds at a time, the fits joined.
-    """
+    absolute: bool,
+    seed: int,
+    options: dict[str, Any],
+    fixed: str | None = None,
+) -> Any:
+    """Common part of every ``fit_*``: check, solve the stack a block at a time, join the fits."""
     chosen = geometry.methods[check_one_of(method, geometry.methods, "method")]
-    points = point_array(points, geometry.dimension, geometry.minimum, geometry.name)
-    lead, n, dim = points.shape[:-2], points.shape[-2], points.shape[-1]
-    full = None
-    if (
-        cofactors is not None
-        and np.ndim(cofactors) >= 3
-        and np.shape(cofactors)[-3:] == (n, dim, dim)
-    ):
-        if weights is not None:
-            raise ValueError(
-                "weights: expected None beside full cofactors, which say all, got both"
-            )
-        full, cofactors = covariance_array(cofactors, lead + (n, dim, dim), "cofactors"), None
-    if absolute and full is None and cofactors is None:
-        raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
-    asked = {
-        "full cofactors": full is not None,
-        "absolute cofactors": absolute,
-        **{f"a held {name}": True for name in held},
-    }
-    for what in (what for what, wanted in asked.items() if wanted):
-        if not chosen.consistent:
-            able = ", ".join(name for name, one in geometry.methods.items() if one.consistent)
-            raise ValueError(f"method: expected one of {able} with {what}, got {method!r}")
-    count = int(np.prod(lead))
-    given = {
-        "weights": _a_priori_weights(weights, cofactors, lead + (n,)),
-        "cofactors": None if full is None else full.reshape((-1, n, dim, dim)),
-        **{name: np.full(count, value) for name, value in held.items()},
-    }
-    if chosen.function is gauss_helmert.robust:
+    points = point_array(points, geometry.dimension, geometry.minimum, geometry.cloud.surface)
+    lead, (n, dim) = points.shape[:-2], points.shape[-2:]
+    full = np.ndim(cofactors) >= 3 and np.shape(cofactors)[-3:] == (n, dim, dim)
+    _check_request(geometry, method, full, cofactors, weights, absolute, fixed)
+    matrices = None
+    if full:
+        matrices = covariance_array(cofactors, lead + (n, dim, dim), "cofactors")
+        matrices, cofactors = matrices.reshape((-1, n, dim, dim)), None
+    a_priori = _a_priori_weights(weights, cofactors, lead + (n,))
+    if chosen.seeded:
         options["seed"] = seed
-    flat = points.reshape((-1, n, dim))
-    fits = []
-    for part in pieces(len(flat), max(1, chosen.block // n)):
-        its_own = {name: None if array is None else array[part] for name, array in given.items()}
-        cloud = geometry.reduce(flat[part], first=part.start if lead else None, **its_own)
-        fits.append(chosen.function(cloud, **options))
-    fit = joined(fits, lead, absolute)
+    fits = _solve(geometry.reduce, chosen, points, a_priori, matrices, options)
+    fit = join(fits, lead, absolute)
     warn_if_not_converged(fit)
     return fit
 
 
-def _a_priori_weights(weights, cofactors, shape: tuple[int, ...]) -> np.ndarray | None:
+def _check_request(
+    geometry: Geometry, method: str, full: bool, cofactors, weights, absolute: bool, fixed
+) -> None:
+    """Raise ``ValueError`` for what contradicts itself, and what the method cannot take."""
+    if full and weights is not None:
+        raise ValueError("weights: expected None beside full cofactors, which say all, got both")
+    if absolute and cofactors is None:
+        raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
+    asked = {"full cofactors": full, "absolute cofactors": absolute, f"a held {fixed}": fixed}
+    if not geometry.methods[method].consistent:
+        able = ", ".join(name for name, one in geometry.methods.items() if one.consistent)
+        for what in (what for what, wanted in asked.items() if wanted):
+            raise ValueError(f"method: expected one of {able} with {what}, got {method!r}")
+
+
+def _solve(
+    reduce: Callable[..., Cloud],
+    method: Method,
+    points: Array,
+    weights: Array | None,
+    cofactors: Array | None,
+    options: dict[str, Any],
+) -> list[Fit]:
+    """Fits of points (…, n, dim), as many clouds together as make a block of the method."""
+    lead, (n, dim) = points.shape[:-2], points.shape[-2:]
+    flat = points.reshape((-1, n, dim))
+    fits = []
+    for part in pieces(len(flat), max(1, method.block // n)):
+        its_own = (None if array is None else array[part] for array in (weights, cofactors))
+        try:
+            fits.append(method.function(reduce(flat[part], *its_own), **options))
+        except DegenerateCloud as error:
+            which = f" in cloud {part.start + error.index} of the stack" if lead else ""
+            raise ValueError(f"{error}{which}") from None
+    return fits
+
+
+def _a_priori_weights(weights, cofactors, shape: tuple[int, ...]) -> Array | None:
     """Weights over cofactors as (B, n), or None when neither is given."""
     if weights is None and cofactors is None:
         return None

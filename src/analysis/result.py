@@ -1,19 +1,35 @@
-"""The result of a fit: frozen, the same for every geometry and method."""
+"""The result of a fit: frozen, with the same fields for every geometry and method."""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
+
+from .adjustment.iteration import Convergence
+
+Array = npt.NDArray[np.float64]
 
 
 class ConvergenceWarning(UserWarning):
     """A fit stopped before it had converged; its ``stop_reason`` says why."""
 
 
+@contextmanager
+def ignore_convergence_warnings() -> Iterator[None]:
+    """Context in which fits give no :class:`ConvergenceWarning`; ``converged`` still tells."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        yield
+
+
 def rms(distances, where=None):
-    """Root mean square over the last axis, ``σs = √(Σ d² / n)``, optionally ``where`` a mask holds.
+    """Root mean square over the last axis, ``σs = √(Σ d² / n)``, where a mask is true if given.
 
     Source: Ou & Liu 2017, eq. (18), right (there over all n points, rejected ones included).
 
@@ -33,19 +49,45 @@ def rms(distances, where=None):
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """One iteration of a reweighted fit: parameters after it, the scale and the weights found from
-    them.
+    """One iteration of a reweighted fit: the parameters, and the scale and weights from them."""
+
+    parameters: Array
+    scale: Array
+    weights: Array
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """Solution of a stack of B clouds in their own frames, from which a :class:`Fit` is made.
+
+    x (B, s) numbers that describe the surfaces; cofactor (B, t, t) of the free parameters; sigma
+    (B,) at cofactor 1; weights (B, n), or None for ones; convergence; history of the iterations.
     """
 
-    parameters: np.ndarray
-    scale: np.ndarray
-    weights: np.ndarray
+    x: Array
+    cofactor: Array
+    sigma: Array
+    weights: Array | None
+    convergence: Convergence
+    history: tuple[Iteration, ...] = ()
+
+    @classmethod
+    def closed_form(cls, x: Array, cofactor: Array, sigma: Array) -> Adjustment:
+        """One that took no iteration."""
+        return cls(x, cofactor, sigma, None, Convergence.closed_form(len(x)))
+
+
+class FittedSurface(NamedTuple):
+    """Surfaces as their geometric model describes them, and the derivatives of their parameters."""
+
+    model: Any  # GeometricModel
+    x: Array  # (B, s) in the caller's frame
+    jacobian: Array  # (B, P, t) ∂(parameters)/∂(free parameters)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """A fitted surface. With a stack of clouds ``(…, n, 3)`` every field has its leading axes
-    ``…``.
+    """A fitted surface; of a stack of clouds ``(…, n, 3)`` every array has the leading axes ``…``.
 
     method : name of the method
     parameters : (…, t)
@@ -62,45 +104,37 @@ class Fit:
     """
 
     method: str
-    parameters: np.ndarray
-    cofactor: np.ndarray
-    sigma_0: np.ndarray
-    distances: np.ndarray
-    weights: np.ndarray
-    iterations: int | np.ndarray
-    converged: bool | np.ndarray
-    stop_reason: str | np.ndarray
+    parameters: Array
+    cofactor: Array
+    sigma_0: Array
+    distances: Array
+    weights: Array
+    iterations: npt.NDArray[np.int_]
+    converged: npt.NDArray[np.bool_]
+    stop_reason: npt.NDArray[np.object_]
     history: tuple[Iteration, ...] = ()
     absolute: bool = False
 
-    NAMES = ()  # of the parameters, set by each geometry
-    PER_STACK = (
-        "parameters",
-        "cofactor",
-        "sigma_0",
-        "distances",
-        "weights",
-        "iterations",
-        "converged",
-        "stop_reason",
-    )
+    NAMES: ClassVar[tuple[str, ...]] = ()  # of the parameters, set by each geometry
+
+    def scaled(self, cofactor: Array) -> Array:
+        """``sigma_0² · cofactor`` (…, k, k); the cofactor itself where it is absolute."""
+        if self.absolute:
+            return cofactor
+        return np.asarray(self.sigma_0)[..., None, None] ** 2 * cofactor
 
     @property
-    def covariance(self) -> np.ndarray:
-        """``sigma_0² · cofactor``, (…, t, t); the cofactor itself where it is absolute."""
-        return (
-            self.cofactor
-            if self.absolute
-            else np.asarray(self.sigma_0)[..., None, None] ** 2 * self.cofactor
-        )
+    def covariance(self) -> Array:
+        """(…, t, t) of the parameters: ``sigma_0² · cofactor``, or the cofactor if absolute."""
+        return self.scaled(self.cofactor)
 
     @property
-    def standard_deviations(self) -> np.ndarray:
+    def standard_deviations(self) -> Array:
         """Square roots of the diagonal of the covariance, (…, t)."""
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     @property
-    def inliers(self) -> np.ndarray:
+    def inliers(self) -> npt.NDArray[np.bool_]:
         """(…, n) bool: the points that are in use, weight above 0."""
         return self.weights > 0
 
@@ -114,43 +148,45 @@ class Fit:
         """RMS distance over the points in use, in m."""
         return rms(self.distances, where=self.inliers)
 
-    def surface(self):
-        """The fitted surfaces as their geometric model has them: the model, x (B, s), and
-        ∂(parameters)/∂(free parameters), (B, P, t).
-        """
+    def surface(self) -> FittedSurface:
+        """The fitted surfaces as their geometric model describes them."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
         shape = np.shape(self.sigma_0)
         if shape:
-            return f"{type(self).__name__}(method={self.method!r}, stack of shape {shape}, {np.count_nonzero(self.converged)} converged)"
-        values = ", ".join(
-            f"{name}={value:.6g}" for name, value in zip(self.NAMES, self.parameters, strict=True)
-        )
-        used = f"{np.count_nonzero(self.inliers)} of {len(self.weights)} points in use"
-        return (
-            f"{type(self).__name__}(method={self.method!r}, {values}, {used}; {self.stop_reason})"
-        )
+            values = f"stack of shape {shape}, {np.count_nonzero(self.converged)} converged"
+        else:
+            named = zip(self.NAMES, self.parameters, strict=True)
+            values = ", ".join(f"{name}={value:.6g}" for name, value in named)
+            used = f"{np.count_nonzero(self.inliers)} of {len(self.weights)} points in use"
+            values += f", {used}; {self.stop_reason}"
+        return f"{type(self).__name__}(method={self.method!r}, {values})"
 
 
-def joined(fits: list[Fit], lead: tuple[int, ...], absolute: bool = False) -> Fit:
-    """Fits of consecutive parts of a flattened stack as one fit with leading axes ``lead``, its
-    arrays read-only.
+F = TypeVar("F", bound=Fit)
+
+
+def join(fits: Sequence[F], lead: tuple[int, ...], absolute: bool = False) -> F:
+    """Join fits of consecutive parts of a flattened stack into one with leading axes ``lead``.
+
+    Its arrays are read-only.
     """
-    arrays = {}
-    for name in fits[0].PER_STACK:
-        parts = [getattr(fit, name) for fit in fits]
-        array = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        array = array.reshape(lead + array.shape[1:])
-        array.flags.writeable = False
-        arrays[name] = array[()]
+    if lead and fits[0].history:
+        raise ValueError("history: expected a single cloud, got a stack")
+    arrays: dict[str, Any] = {}
+    for field in fields(fits[0]):
+        parts = [getattr(fit, field.name) for fit in fits]
+        if isinstance(parts[0], np.ndarray):
+            array = parts[0] if len(parts) == 1 else np.concatenate(parts)
+            array = array.reshape(lead + array.shape[1:])
+            array.flags.writeable = False
+            arrays[field.name] = array[()]
     return replace(fits[0], absolute=absolute, **arrays)
 
 
-def warn_if_not_converged(fit: Fit) -> None:
-    """Give a :class:`ConvergenceWarning` that counts the fits that did not converge and quotes the
-    first reason.
-    """
+def warn_if_not_converged(fit) -> None:
+    """Give a :class:`ConvergenceWarning` with the number of failed fits and their first reason."""
     failed = ~np.atleast_1d(fit.converged).ravel()
     if failed.any():
         reason = np.atleast_1d(fit.stop_reason).ravel()[failed][0]

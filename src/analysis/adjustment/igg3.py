@@ -5,20 +5,21 @@ The algorithm takes one Schaffrin-Wieser step, measures the distances from the n
 them into weight factors and multiplies the weights by them, until the parameters stand still. What
 the paper leaves open (the scale of the residuals, the exponent, the first weights) is a keyword.
 
-The paper has it for the sphere. Any cloud that has a ``printed`` problem can be solved by it: one
-gives the problem with its printed cofactors, the distances that belong to its misclosures and the
-printed parameters.
+The paper has it for the sphere. Any surface with a :class:`Printed` problem can be fitted by it: one
+that gives the problem with its printed cofactors, the distances that belong to its misclosures and
+the printed parameters.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..checks import check_one_of, check_positive, check_whole_number
-from ..result import Fit, Iteration, rms
+from ..result import Adjustment, Array, Fit, Iteration, rms
 from .cofactors import gauss_newton_cofactor
 from .iteration import Ending, Stack, iterate
 from .linalg import solve, unit_weight_sd
@@ -28,36 +29,47 @@ from .weights import IGG3, MAD_TO_SD, PRINTED_THRESHOLDS
 
 
 class Printed(Protocol):
-    """The printed problem of a stack of clouds, in the clouds' own frames, and what leads back to
-    the printed one.
-    """
+    """The printed problem of a stack of B clouds in their own frames, and the way back from it."""
 
     problem: EIVProblem
-    length: np.ndarray  # (B,) m, unit of the distances
+    length: Array
+    """(B,) m, unit of the distances"""
 
-    # signed orthogonal distances (B, n) in units of the length, from misclosures r
-    def distances(self, x, r): ...
+    def distances(self, x: Array, r: Array) -> Array:
+        """Signed orthogonal distances (B, n) in units of the length, from misclosures r (B, n)."""
+        ...
 
-    def parameters(self, x): ...  # (B, t) parameters of the surface, in m
+    def parameters(self, x: Array) -> Array:
+        """Parameters (B, t) of the surfaces in the printed frame, in m."""
+        ...
 
-    def step(self, difference): ...  # (B,) |ΔX| of the printed parameters X, from a difference of x
+    def step(self, difference: Array) -> Array:
+        """|ΔX| (B,) of the printed parameters X, from a difference of x (B, t)."""
+        ...
 
-    def __getitem__(self, keep): ...  # some of the clouds
+    def fit(self, cloud: Any, method: str, adjustment: Adjustment) -> Fit:
+        """The result in m of an adjustment of x in the frames."""
+        ...
+
+    def __getitem__(self, keep) -> Printed:
+        """Some of the clouds."""
+        ...
 
 
 @dataclass(frozen=True)
 class State(Stack):
     """X(i) with z and its misclosures r, the weights used for it and those to be used next."""
 
-    x: np.ndarray
-    z: np.ndarray
-    r: np.ndarray
-    weights: np.ndarray
-    next_weights: np.ndarray
+    x: Array
+    z: Array
+    r: Array
+    weights: Array
+    next_weights: Array
 
 
 def igg3_wtls(
-    cloud,
+    cloud: Any,
+    printed_problem: Callable[[Any, float], Printed],
     *,
     scale: str = "rms",
     power: int = 1,
@@ -77,6 +89,7 @@ def igg3_wtls(
     factors ω(|d|/σ), new weights; until the step in the printed parameters X is below
     ``tolerance``. The defaults are the literal reading.
 
+    printed_problem : gives the :class:`Printed` problem of the cloud with P_X of the first iteration
     scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term),
         ``rms_in`` of the points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made
         consistent at the normal law, ``mad`` the median absolute distance (times 1.4826 n/(n − 4)),
@@ -100,10 +113,8 @@ def igg3_wtls(
     base = check_positive(unit_weight, "unit_weight")
     check_one_of(start, ("Q_Y", "P_Y"), "start")
     check_whole_number(max_iterations, "max_iterations")
-    if history and cloud.first is not None:
-        raise ValueError("history: expected a single cloud, got a stack")
 
-    printed = cloud.printed(base)
+    printed = printed_problem(cloud, base)
     problem = printed.problem
     # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
     x = _weighted_solution(
@@ -138,12 +149,11 @@ def igg3_wtls(
     x, weights = state.x, state.weights
     sigma_0 = unit_weight_sd(objective(problem, x, weights), cloud.count - problem.parameters)
     cofactor = gauss_newton_cofactor(problem, x, weights)
-    return cloud.finished(
-        "igg3_wtls", x, cofactor, sigma_0, convergence, weights, tuple(iterations)
-    )
+    adjustment = Adjustment(x, cofactor, sigma_0, weights, convergence, tuple(iterations))
+    return printed.fit(cloud, "igg3_wtls", adjustment)
 
 
-def _weighted_solution(problem: EIVProblem, weights: np.ndarray) -> np.ndarray:
+def _weighted_solution(problem: EIVProblem, weights: Array) -> Array:
     """``(AᵀPA)⁻¹AᵀPY``, (B, m)."""
     m = problem.parameters
     N = (problem.rows[:, :m] * weights[:, None, :]) @ problem.rows.swapaxes(-1, -2)

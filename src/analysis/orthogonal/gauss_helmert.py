@@ -1,37 +1,38 @@
-"""Orthogonal-distance adjustment of any geometric model, and the high-breakdown robust fit around
-it.
+"""Orthogonal-distance adjustment of any geometric model, and the robust fit around it.
 
 A geometric model gives, for a surface x and points p, the orthogonal distances d, their normals
-n = ∂d/∂p and their Jacobian J with respect to t free parameters that move the surface, and a quick
-algebraic fit with weights. From these alone
+n = ∂d/∂p and their Jacobian J with respect to t free parameters that move the surface. From these
 come :func:`geometric`, the Gauss-Helmert adjustment with any point cofactors, and :func:`robust`,
-which are the same for every geometry:
+for every geometry alike:
 
 1. least trimmed squares from elemental samples finds the half of the points that lie closest to one
    surface, whatever the other half does (Rousseeuw & Van Driessen 2006);
-2. from there Gauss-Newton steps with IGG III weights on standardised residuals. The weights do not
-   accumulate, and the scale is that of the points in use, made consistent at the normal law, so
-   rejected points neither widen it nor hide behind it. Errors of only a few standard deviations on
-   one side, in a large share of the points, are not told from noise and do widen it.
+2. from there Gauss-Newton steps with the weights of an M-estimator on standardised residuals. The
+   weights do not accumulate, and the scale is that of the points in use, made consistent at the
+   normal law, so rejected points neither widen it nor hide behind it. Errors of only a few standard
+   deviations on one side, in a large share of the points, are not told from noise and do widen it.
 
-A cloud hands over its ``model``, its ``observations()``, a ``start()``, and makes a ``fit`` of the
-result. All arrays are stacks (B, …) in the cloud's frame, which is centred and scaled. An iteration
-is one pass over the points, a block at a time: beyond the points a large cloud needs a weight and a
+All arrays are stacks (B, …) in the clouds' frames, which are centred and scaled. An iteration is
+one pass over the points, a block at a time: beyond the points a large cloud needs a weight and a
 distance for each.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..adjustment.iteration import Ending, Stack, iterate
 from ..adjustment.linalg import cofactor_from_normal, solve
-from ..adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, WeightFunction
-from ..checks import check_positive, check_whole_number
-from .cloud import ROUNDING, Adjusted, GeometricModel, Observations, Points
-from .least_trimmed_squares import SUBSET, least_trimmed_squares
+from ..adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, WEIGHT_FUNCTIONS, WeightFunction
+from ..checks import check_one_of, check_positive, check_whole_number
+from ..result import Adjustment, Array, Fit
+from .cloud import ROUNDING
+from .contracts import GeometricModel, SurfaceCloud
+from .least_trimmed_squares import SUBSET
+from .observations import Observations, Points
 
 TOLERANCE = 1e-12  # of a step, in the frame's unit
 STALLED = 1e-9  # a step below this that no longer shrinks is rounding
@@ -46,12 +47,14 @@ NEARLY_FOUND = 0.1  # relative change of the scale, beyond which neither
 SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
-def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100):
-    """Weighted orthogonal distance fit ``min Σ eᵀQ⁻¹e`` over the errors e of the points, by
-    Gauss-Helmert.
+def geometric(
+    cloud: SurfaceCloud, *, bias_correction: bool = False, max_iterations: int = 100
+) -> Fit:
+    """Weighted orthogonal distance fit ``min Σ eᵀQ⁻¹e`` over the errors e of the points.
 
-    With equal isotropic cofactors this is ``min Σ d²``. Independent of the origin; a parameter may
-    be held. σ0 = √(Σeᵀ Q⁻¹e/(n − t)): in m without cofactors, else relative to them.
+    By Gauss-Helmert. With equal isotropic cofactors this is ``min Σ d²``. Independent of the
+    origin; a parameter may be fixed. σ0 = √(Σeᵀ Q⁻¹e/(n − t)): in m without cofactors, else
+    relative to them.
 
     bias_correction : take off the bias of second order that equal isotropic noise leaves in the
         free parameters (for a sphere σ̂0²/r of the radius)
@@ -59,129 +62,177 @@ def geometric(cloud, *, bias_correction: bool = False, max_iterations: int = 100
     Source: Pope 1972; Neitzel 2010.
     """
     check_whole_number(max_iterations, "max_iterations")
-    adjusted = _adjust(cloud.model, cloud.observations(), cloud.start(), None, None, max_iterations)
+    start, points = cloud.start(), cloud.observations()
+    adjusted = _adjust(cloud.model, points, start, np.zeros(len(start)), None, max_iterations)
     if bias_correction:
         adjusted = replace(adjusted, x=adjusted.x - cloud.bias(adjusted.x, adjusted.sigma))
     return cloud.fit("geometric", adjusted)
 
 
 def robust(
-    cloud,
+    cloud: SurfaceCloud,
     *,
     seed: int = 0,
-    k0: float = EFFICIENT_THRESHOLDS[0],
-    k1: float = EFFICIENT_THRESHOLDS[1],
+    weight_function: WeightFunction | str | None = None,
+    k0: float | None = None,
+    k1: float | None = None,
     max_iterations: int = 1000,
-):
-    """High-breakdown orthogonal distance fit with honest covariance: the default, and what to use
-    on real scans.
+) -> Fit:
+    """High-breakdown orthogonal distance fit with honest covariance: what to use on real scans.
 
-    Least trimmed squares start, then IGG III weights on residuals standardised by their redundancy,
-    to a fixed point of parameters, weights and scale. Nothing has to be known of the noise or of
-    the share of gross errors, up to nearly half. σ0 is the scale of the points in use: in m without
+    Least trimmed squares start, then weights of residuals standardised by their redundancy, to a
+    fixed point of parameters, weights and scale. Nothing has to be known of the noise or of the
+    share of gross errors, up to nearly half. σ0 is the scale of the points in use: in m without
     cofactors, else relative to them; the cofactor holds the M-estimator's factor ``E[ψ²]/E[ψ′]²``.
 
     seed : of the elemental samples; the result depends on it only if the start ends at another
         surface
-    k0, k1 : thresholds of the final weights; 2.5 and 4 are 98 % efficient at the normal law
+    weight_function : an instance of :class:`~analysis.adjustment.weights.WeightFunction`, or a name
+        from ``WEIGHT_FUNCTIONS`` for one with its defaults; None for IGG III with k0 and k1. One
+        that rejects no point (Huber) gives up the high breakdown of the start.
+    k0, k1 : thresholds of IGG III; the defaults 2.5 and 4 are 98 % efficient at the normal law
 
     Source: Rousseeuw & Van Driessen 2006 (start); Yang, Song & Xu 2002 (IGG III); Huber 1981,
     section 7.6 (covariance).
     """
-    function = IGG3(check_positive(k0, "k0"), check_positive(k1, "k1"), 1)
+    function = _weight_function(weight_function, k0, k1)
     check_whole_number(max_iterations, "max_iterations")
     model, points = cloud.model, cloud.observations()
-    part = points.drawn(LARGE, seed)
-    few = part.drawn(SUBSET, seed).all()
-    x, spread = (cloud.trimmed_start or least_trimmed_squares)(model, few.D, seed)
+    # 1. least trimmed squares of some points
+    part = points.subsample(LARGE, seed)
+    few = part.subsample(SUBSET, seed).all()
+    x, spread = cloud.robust_start(few.D, seed)
     sigma = spread / np.sqrt(np.mean(linearised(model, x, few)[2], axis=-1))
+    # 2. of a large cloud, a part
     if points.count > LARGE:
         near = _adjust(model, part, x, sigma, function, max_iterations)
         found = near.convergence.converged
         x, sigma = np.where(found[:, None], near.x, x), np.where(found, near.sigma, sigma)
+    # 3. all
     return cloud.fit("robust", _adjust(model, points, x, sigma, function, max_iterations))
 
 
+def _weight_function(
+    chosen: WeightFunction | str | None, k0: float | None, k1: float | None
+) -> WeightFunction:
+    if chosen is None:
+        given = zip((k0, k1), EFFICIENT_THRESHOLDS, strict=True)
+        k0, k1 = (default if k is None else k for k, default in given)
+        return IGG3(check_positive(k0, "k0"), check_positive(k1, "k1"))
+    if not (k0 is None and k1 is None):
+        raise ValueError(
+            "weight_function: expected None beside k0 and k1, the thresholds of IGG III, got both"
+        )
+    if isinstance(chosen, WeightFunction):
+        return chosen
+    return WEIGHT_FUNCTIONS[check_one_of(chosen, WEIGHT_FUNCTIONS, "weight_function")]
+
+
 @dataclass(frozen=True)
-class State(Stack):
-    """x, the scale to be used and the last step; weights, cofactor and scale found with the last
-    scale.
+class _State(Stack):
+    """State of an adjustment of B clouds after an iteration.
+
+    x : (B, s); step : (B,) length of the step that led there
+    weights : (B, n) that it was found with, or (B, 1) ones; cofactor : (B, t, t) its inverse normal
+        matrix
+    sigma : (B,) scale to standardise the next residuals with
+    last_sigma, last_found : (B,) the one before, and the scale of the residuals found with it
     """
 
-    x: np.ndarray
-    sigma: np.ndarray
-    length: np.ndarray
-    weights: np.ndarray
-    cofactor: np.ndarray
-    last_sigma: np.ndarray
-    found: np.ndarray
+    x: Array
+    step: Array
+    weights: Array
+    cofactor: Array
+    sigma: Array
+    last_sigma: Array
+    last_found: Array
 
 
 def _adjust(
-    model, points: Observations, x, sigma, function: WeightFunction | None, max_iterations: int
-) -> Adjusted:
+    model: GeometricModel,
+    points: Observations,
+    x: Array,
+    sigma: Array,
+    function: WeightFunction | None,
+    max_iterations: int,
+) -> Adjustment:
+    """Gauss-Newton steps from x (B, s); with a weight function M-estimation from sigma (B,)."""
     t = model.degrees
-    still = Ending.PARAMETERS if function is None else Ending.PARAMETERS_AND_SCALE
+    settled_ending = Ending.PARAMETERS if function is None else Ending.PARAMETERS_AND_SCALE
 
-    def advance(points: Observations, state: State):
-        x, sigma, weights, cofactor = state.x, state.sigma, state.weights, state.cofactor
-
-        def reweigh(part: slice, squares, J, variances) -> None:
-            # Leverage and scale lag by one step; at the fixed point they belong to these residuals.
-            leverage = weights[:, part] / variances * np.sum((cofactor @ J) * J, axis=-2)
-            spread = sigma[:, None] ** 2 * np.maximum(1.0 - leverage, SMALLEST_REDUNDANCY)
-            weights[:, part] = function.weight(
-                np.sqrt(squares / np.maximum(spread, ROUNDING**2 / variances))
-            )
-
-        sums = _Sums(model, x, points, weights, None if function is None else reweigh)
+    def advance(points: Observations, state: _State):
+        # 1. weights from the residuals, and with them the normal equations and the scale
+        if function is None:
+            weights, sums = state.weights, _sums(model, state.x, points)
+        else:
+            weights = np.empty_like(state.weights)
+            sums = _sums(model, state.x, points, _reweigh(function, state, weights))
+        found, cofactor = _scale(sums, function, t), cofactor_from_normal(sums.N)
+        # 2. step
         step = -solve(sums.N, sums.g[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1)
-        found, cofactor = _scale(sums, function, t), cofactor_from_normal(sums.N)
         lost = ~np.isfinite(length if function is None else length + found)
         small = length <= TOLERANCE
-        stalled = (length >= state.length) & (length <= STALLED)
+        stalled = (length >= state.step) & (length <= STALLED)
         if function is not None:
             # The scale of exact points is rounding and never settles.
-            settled = np.abs(found - sigma) <= np.maximum(
+            settled = np.abs(found - state.sigma) <= np.maximum(
                 SETTLED * found, ROUNDING / np.sqrt(sums.least_variance)
             )
             small, stalled = small & settled, stalled & settled
-        new = np.where(lost[:, None], x, model.moved(x, step))
-        new_sigma = np.where(small, found, _secant(sigma, found, state.last_sigma, state.found))
-        return State(new, new_sigma, length, weights, cofactor, sigma, found), {
-            Ending.SINGULAR: lost,
-            still: small,
-            Ending.ROUNDING: stalled,
-        }
+        # 3. scale to go on with
+        ahead = _secant(state.sigma, found, state.last_sigma, state.last_found)
+        new = _State(
+            x=np.where(lost[:, None], state.x, model.update(state.x, step)),
+            step=length,
+            weights=weights,
+            cofactor=cofactor,
+            sigma=np.where(small, found, ahead),
+            last_sigma=state.sigma,
+            last_found=found,
+        )
+        return new, {Ending.SINGULAR: lost, settled_ending: small, Ending.ROUNDING: stalled}
 
-    count = len(points.points)
-    start = State(
-        x,
-        np.zeros(count) if sigma is None else sigma,
-        np.full(count, np.inf),
-        np.ones((count, 1 if function is None else points.count)),
-        np.zeros((count, t, t)),
-        np.full(count, np.nan),
-        np.full(count, np.nan),
+    count = len(x)
+    start = _State(
+        x=x,
+        step=np.full(count, np.inf),
+        weights=np.ones((count, 1 if function is None else points.count)),
+        cofactor=np.zeros((count, t, t)),
+        sigma=sigma,
+        last_sigma=np.full(count, np.nan),
+        last_found=np.full(count, np.nan),
     )
     end, convergence = iterate(points, start, advance, max_iterations)
+    if function is None:
+        return Adjustment(end.x, end.cofactor, end.last_found, None, convergence)
     # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
-    factor = (
-        1.0
-        if function is None
-        else function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
-    )
-    weights = None if function is None else end.weights
-    return Adjusted(end.x, factor * end.cofactor, end.found, weights, convergence)
+    factor = function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
+    return Adjustment(end.x, factor * end.cofactor, end.last_found, end.weights, convergence)
 
 
-def _secant(sigma, found, last_sigma, last_found) -> np.ndarray:
-    """The scale that would find itself: where the secant of found(σ) through the last two
-    iterations meets σ.
+def _reweigh(function: WeightFunction, state: _State, weights: Array) -> Callable:
+    """Gives the weights of a part from its residuals; ``weights`` (B, n) collects them.
 
-    An iteration by itself leaves a tenth of an error of the scale, because the weights hang on it.
-    The scale found in the first one (NaN), and where the scale still changes by more than a tenth.
+    Leverage and scale lag by one step; at the fixed point they belong to these residuals.
+    """
+
+    def reweigh(part: slice, squares: Array, J: Array, variances: Array) -> Array:
+        leverage = state.weights[:, part] / variances * np.sum((state.cofactor @ J) * J, axis=-2)
+        spread = state.sigma[:, None] ** 2 * np.maximum(1.0 - leverage, SMALLEST_REDUNDANCY)
+        u = np.sqrt(squares / np.maximum(spread, ROUNDING**2 / variances))
+        weights[:, part] = function.weight(u)
+        return weights[:, part]
+
+    return reweigh
+
+
+def _secant(sigma: Array, found: Array, last_sigma: Array, last_found: Array) -> Array:
+    """The scale that finds itself: where the secant of found(σ) of two iterations meets σ.
+
+    An iteration by itself leaves a tenth of an error of the scale, because the weights depend on
+    it. In the first one (NaN), and where the scale still changes by more than a tenth, the scale
+    found.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = (found - last_found) / (sigma - last_sigma)
@@ -190,45 +241,55 @@ def _secant(sigma, found, last_sigma, last_found) -> np.ndarray:
     return sigma + (found - sigma) / (1.0 - slope)
 
 
+@dataclass
 class _Sums:
-    """What one pass over the points gives at x: the normal equations ``N = Σ ω JJᵀ/v``,
-    ``g = Σ ω J f/v``, and sums for the scale.
+    """Sums over the points: normal equations ``N = Σ ω JJᵀ/v``, ``g = Σ ω J f/v``, and the scale's.
 
     N : (B, t, t); g : (B, t); weights : Σω, (B,); squares : Σω f²/v, (B,); least_variance :
         smallest v, (B,)
     """
 
-    def __init__(
-        self, model, x: np.ndarray, points: Observations, weights: np.ndarray, reweigh=None
-    ):
-        """``weights`` (B, n), or (B, 1) for all points; ``reweigh(part, f²/v, J, v)`` gives those
-        of a part anew before they are used.
-        """
-        count, t = len(x), model.degrees
-        self.N, self.g = np.zeros((count, t, t)), np.zeros((count, t))
-        self.weights, self.squares, self.least_variance = (
-            np.zeros(count),
-            np.zeros(count),
-            np.full(count, np.inf),
+    N: Array
+    g: Array
+    weights: Array
+    squares: Array
+    least_variance: Array
+
+
+def _sums(
+    model: GeometricModel, x: Array, points: Observations, reweigh: Callable | None = None
+) -> _Sums:
+    """One pass over the points at x (B, s).
+
+    ``reweigh(part, f²/v, J, v)`` gives the weights ω (B, m) of a part; None for ones.
+    """
+    count, t = len(x), model.degrees
+    sums = _Sums(
+        N=np.zeros((count, t, t)),
+        g=np.zeros((count, t)),
+        weights=np.zeros(count),
+        squares=np.zeros(count),
+        least_variance=np.full(count, np.inf),
+    )
+    for part in points.pieces():
+        f, J, variances = linearised(model, x, points.piece(part))
+        squares = f * f / variances
+        omega = (
+            np.broadcast_to(1.0, f.shape)
+            if reweigh is None
+            else reweigh(part, squares, J, variances)
         )
-        for part in points.pieces():
-            f, J, variances = linearised(model, x, points.piece(part))
-            squares = f * f / variances
-            if reweigh is not None:
-                reweigh(part, squares, J, variances)
-            omega = np.broadcast_to(weights if weights.shape[1] == 1 else weights[:, part], f.shape)
-            weighed = J * (omega / variances)[:, None, :]
-            self.N += weighed @ J.swapaxes(-1, -2)
-            self.g += (weighed @ f[..., None])[..., 0]
-            self.weights += np.sum(omega, axis=-1)
-            self.squares += np.sum(omega * squares, axis=-1)
-            np.minimum(self.least_variance, variances.min(axis=-1), out=self.least_variance)
+        weighed = J * (omega / variances)[:, None, :]
+        sums.N += weighed @ J.swapaxes(-1, -2)
+        sums.g += (weighed @ f[..., None])[..., 0]
+        sums.weights += np.sum(omega, axis=-1)
+        sums.squares += np.sum(omega * squares, axis=-1)
+        np.minimum(sums.least_variance, variances.min(axis=-1), out=sums.least_variance)
+    return sums
 
 
-def linearised(
-    model: GeometricModel, x: np.ndarray, points: Points
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Misclosures f (B, n), Jacobian (B, t free, n) and the variances of f, (B, n) or (B, 1).
+def linearised(model: GeometricModel, x: Array, points: Points) -> tuple[Array, Array, Array]:
+    """Misclosures f (B, n), Jacobian (B, t, n) and the variances of f, (B, n) or (B, 1).
 
     Isotropic points: the distances themselves. Otherwise everything is taken at the adjusted points
     p̃, the places on the surface that are nearest in the metric of Q⁻¹: ``f = nᵀ(p − p̃)`` (Pope
@@ -236,25 +297,24 @@ def linearised(
     """
     if points.axes is None:
         return *model.linearised(x, points.D), points.variances
-    adjusted = model.adjusted(x, points)
-    d, J = model.linearised(x, adjusted)
-    normals = model.normals(x, adjusted)
-    f = d + np.einsum("bni,bni->bn", normals, points.D - adjusted)
+    feet = model.foot_points(x, points)
+    d, J = model.linearised(x, feet)
+    normals = model.normals(x, feet)
+    f = d + np.einsum("bni,bni->bn", normals, points.D - feet)
     return f, J, points.along(normals)
 
 
-def _scale(sums: _Sums, function: WeightFunction | None, t: int) -> np.ndarray:
-    """σ̂ (B,): ``σ̂² = Σω f²/v / (κ Σω) · n'/(n' − t)``, n' = Σω/E[ω] points in use; κ =
-    E[ωu²]/E[ω] makes it consistent.
+def _scale(sums: _Sums, function: WeightFunction | None, t: int) -> Array:
+    """σ̂ (B,): ``σ̂² = Σω f²/v / (κ Σω) · n'/(n' − t)`` with n' = Σω/E[ω] points in use.
 
-    NaN without redundancy, but for a robust fit, which could not go on from there, no correction
-    for it.
+    κ = E[ωu²]/E[ω] makes it consistent. Without redundancy NaN; of a robust fit, which could not go
+    on from there, what it is without the correction for it.
     """
     total = np.where(sums.weights > 0, sums.weights, np.nan)
-    kappa, in_use = (
-        (1.0, total)
-        if function is None
-        else (function.consistency_factor, total / function.mean_weight)
-    )
-    redundancy = np.where(in_use > t, in_use - t, np.nan if function is None else in_use)
+    if function is None:
+        kappa, in_use, without = 1.0, total, np.full_like(total, np.nan)
+    else:
+        kappa, in_use = function.consistency_factor, total / function.mean_weight
+        without = in_use
+    redundancy = np.where(in_use > t, in_use - t, without)
     return np.sqrt(sums.squares / (kappa * total) * in_use / redundancy)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..adjustment.linalg import solve
+from ..result import Array
 
 # 4AC − B², which is positive for an ellipse, as a quadratic form of (A, B, C).
 DISCRIMINANT = np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]])
@@ -26,14 +27,14 @@ MONOMIALS = [(i, j) for i in range(5) for j in range(5 - i)]
 PRODUCTS = np.array([[MONOMIALS.index((i + k, j + m)) for k, m in ROWS] for i, j in ROWS])
 
 
-def rows(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def rows(u: Array, v: Array) -> Array:
     """The rows ``(1, u, v, u², uv, v²)`` of points, (…, 6, n) from u, v (…, n)."""
     return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-2)
 
 
 # what is no ellipse comes out as NaN
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def ellipse_of(conic: np.ndarray) -> np.ndarray:
+def ellipse_of(conic: Array) -> Array:
     """(u0, v0, m, g, h) of conics (…, 6); NaN where there is no real ellipse.
 
     >>> x = ellipse_of(np.array([1.0, 0.0, 4.0, -2.0, -8.0, 1.0]))  # (u − 1)²/4 + (v − 1)² = 1
@@ -56,7 +57,7 @@ def ellipse_of(conic: np.ndarray) -> np.ndarray:
     return np.stack([u0, v0, 0.5 * (a + b), -ratio * (A - C), -ratio * B], axis=-1)
 
 
-def conic_of(x: np.ndarray) -> np.ndarray:
+def conic_of(x: Array) -> Array:
     """(A, B, C, D, E, F), (…, 6), of ellipses (u0, v0, m, g, h), scaled so that the conic is −1 at
     the centre.
 
@@ -72,7 +73,7 @@ def conic_of(x: np.ndarray) -> np.ndarray:
     return np.stack([A, B, C, D, E, A * u0 * u0 + B * u0 * v0 + C * v0 * v0 - 1.0], axis=-1)
 
 
-def axes_of(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def axes_of(x: Array) -> tuple[Array, Array]:
     """(u0, v0, a, b, φ), (…, 5), of ellipses (u0, v0, m, g, h), and the Jacobian (…, 5, 5) of the
     one by the other.
 
@@ -96,7 +97,7 @@ def axes_of(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return axes, J
 
 
-def through(samples: np.ndarray) -> np.ndarray:
+def minimal_fit(samples: Array) -> Array:
     """(u0, v0, m, g, h) of the ellipses through five points (…, 5, 2); NaN where the conic is no
     ellipse, or not the only one.
     """
@@ -111,7 +112,7 @@ def through(samples: np.ndarray) -> np.ndarray:
     )
 
 
-def direct_from_factor(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def direct_from_factor(R: Array) -> tuple[Array, Array]:
     """The ellipse ``min Σ P f²`` with 4AC − B² = 1 from the triangular factor (…, 6, 6) of the rows
     ``√P (1, u, v, u², uv, v²)``.
 
@@ -125,7 +126,7 @@ def direct_from_factor(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([quadratic, linear[..., [1, 2, 0]]], axis=-1), natural
 
 
-def direct_from_points(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def direct_from_points(points: Array, weights: Array) -> tuple[Array, Array]:
     """The same of points (…, n, 2) with weights (…, n), a little less accurately, from sums of
     powers.
 
@@ -150,7 +151,7 @@ def direct_from_points(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndar
     return np.concatenate([quadratic, linear[..., [1, 2, 0]]], axis=-1), natural
 
 
-def _constrained(s: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _constrained(s: Array, V: Array) -> tuple[Array, Array]:
     """(A, B, C) with the least ``|diag(s) Vᵀ (A, B, C)|²`` over 4AC − B²; s falls.
 
     With z = diag(s) Vᵀ (A, B, C) it is the one eigenvector of positive eigenvalue of a symmetric

@@ -1,5 +1,4 @@
-"""The elliptic cylinder in space: a straight axis in any direction and an elliptic section normal
-to it.
+"""The elliptic cylinder: a straight axis in any direction and an elliptic section normal to it.
 
     p = point + w t + (e1, e2) S e,   |e| = 1,   S = [m + g, h; h, m − g]
 
@@ -23,12 +22,14 @@ import numpy as np
 
 from ..adjustment.linalg import propagate, solve
 from ..checks import finite_array
-from ..orthogonal.cloud import Cloud, Points, frame_of
+from ..orthogonal.cloud import Cloud, frame_of
+from ..orthogonal.contracts import GeometricModel
 from ..orthogonal.least_trimmed_squares import SUBSET
-from ..result import Fit
+from ..orthogonal.observations import Points
+from ..result import Adjustment, Array, FittedSurface
 from .conic import axes_of
-from .cylinder_start import started
-from .ellipse import EllipseModel
+from .cylinder_start import fit_majority
+from .ellipse import EllipseModel, EllipticFit
 
 PARAMETERS = 7
 # The numbers x that describe a cylinder: a point on its axis, the rows e1, e2, t of an orthonormal
@@ -38,23 +39,20 @@ IN_SECTION = [0, 1, 4, 5, 6]  # of the free parameters
 VERTICAL = np.cos(np.radians(1.0))
 
 
-class CylinderModel:
-    """The elliptic cylinder as a geometric model, x (…, 15); free are offsets and tilts along e1
-    and e2, m, g and h.
+class CylinderModel(GeometricModel):
+    """The elliptic cylinder as a geometric model, x (…, 15).
+
+    Free are offsets and tilts along e1 and e2, m, g and h.
     """
 
     dimension = 3
     degrees = PARAMETERS
-    sample = 7
-    holds = False
 
     @staticmethod
-    def moved(x: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """x after a step (…, 7): the section moves as an ellipse does, and t tilts about the point
-        by a rotation without a turn about t.
-        """
+    def update(x: Array, step: Array) -> Array:
+        """The section moves as an ellipse does, and t tilts about the point without turning."""
         frame = _frame(x)
-        section = EllipseModel.moved(_section(x), step[..., IN_SECTION])
+        section = EllipseModel.update(_section(x), step[..., IN_SECTION])
         point = x[..., POINT] + np.einsum("...i,...ij->...j", section[..., :2], frame[..., :2, :])
         tilt = step[..., 2:4]
         angle = np.sqrt(np.einsum("...i,...i->...", tilt, tilt))[..., None]
@@ -71,11 +69,9 @@ class CylinderModel:
         )
 
     @staticmethod
-    def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Distances of first order of points (B, n, 3) from K cylinders each, x (B, K, 15) → (B, K,
-        n).
-        """
-        coordinates = _coordinates(x, points[:, None])
+    def distances(x: Array, D: Array) -> Array:
+        """Distances of first order from the section."""
+        coordinates = _coordinates(x, D[:, None])
         in_section = coordinates[..., :2, :].swapaxes(-1, -2)
         flat = in_section.reshape((-1,) + in_section.shape[-2:])
         return EllipseModel.distances(_section(x).reshape(-1, 1, 5), flat)[:, 0].reshape(
@@ -83,11 +79,9 @@ class CylinderModel:
         )
 
     @staticmethod
-    def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Orthogonal distances (…, n) of points (…, n, 3) from x (…, 15), and their Jacobian (…, 7,
-        n).
-        """
-        coordinates = _coordinates(x, points)
+    def linearised(x: Array, D: Array) -> tuple[Array, Array]:
+        """Orthogonal distances and their Jacobian (…, 7, n)."""
+        coordinates = _coordinates(x, D)
         d, of_ellipse = EllipseModel.linearised(
             _section(x), coordinates[..., :2, :].swapaxes(-1, -2)
         )
@@ -95,39 +89,39 @@ class CylinderModel:
         return d, np.concatenate([of_ellipse[..., :2, :], tilts, of_ellipse[..., 2:, :]], axis=-2)
 
     @staticmethod
-    def normals(x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Unit normals at the feet of points (…, n, 3), outwards."""
-        in_section = _coordinates(x, points)[..., :2, :].swapaxes(-1, -2)
+    def normals(x: Array, D: Array) -> Array:
+        """Unit normals at the feet, outwards."""
+        in_section = _coordinates(x, D)[..., :2, :].swapaxes(-1, -2)
         return EllipseModel.normals(_section(x), in_section) @ _frame(x)[..., :2, :]
 
     @staticmethod
-    def adjusted(x: np.ndarray, points: Points) -> np.ndarray:
-        """The places on the cylinder nearest to the points in the metric of Q⁻¹, (B, n, 3).
+    def foot_points(x: Array, points: Points) -> Array:
+        """In the section in the metric of its part Q₂ of Q, for along the axis nothing is known.
 
-        Nothing is prescribed along the axis. So in the section the metric is the inverse of that
-        part Q₂ of Q, and the error along the axis is the one that belongs to the error in the
-        section, ``Q_w2 Q₂⁻¹ e₂``.
+        The error along the axis is the one that belongs to the error in the section,
+        ``Q_w2 Q₂⁻¹ e₂``.
         """
+        assert points.axes is not None
         frame = _frame(x)
         axes = frame[:, None] @ points.axes
         Q = (axes * points.variances[..., None, :]) @ axes.swapaxes(-1, -2)
         section = Points.of(_coordinates(x, points.D)[:, :2].swapaxes(-1, -2), Q[..., :2, :2])
-        error = section.D - EllipseModel.adjusted(_section(x), section)
+        error = section.D - EllipseModel.foot_points(_section(x), section)
         along = Q[..., 2:, :2] @ solve(Q[..., :2, :2], error[..., None])
         return points.D - np.concatenate([error, along[..., 0]], axis=-1) @ frame
 
 
-def _frame(x: np.ndarray) -> np.ndarray:
+def _frame(x: Array) -> Array:
     """Rows e1, e2, t, (…, 3, 3)."""
     return x[..., FRAME].reshape(x.shape[:-1] + (3, 3))
 
 
-def _section(x: np.ndarray) -> np.ndarray:
+def _section(x: Array) -> Array:
     """(0, 0, m, g, h), (…, 5): the section as an ellipse about the axis."""
     return np.concatenate([np.zeros(x.shape[:-1] + (2,)), x[..., SHAPE]], axis=-1)
 
 
-def _coordinates(x: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _coordinates(x: Array, points: Array) -> Array:
     """Coordinates (…, 3, n) of points (…, n, 3) along e1, e2 and t from the point on the axis."""
     frame = _frame(x)
     coordinates = frame @ points.swapaxes(-1, -2)
@@ -135,7 +129,7 @@ def _coordinates(x: np.ndarray, points: np.ndarray) -> np.ndarray:
     return coordinates
 
 
-def section_axes(direction: np.ndarray) -> np.ndarray:
+def section_axes(direction: Array) -> Array:
     """Unit vectors right and up, (…, 2, 3), in the sections normal to directions t (…, 3).
 
         up ∝ e_Z − t (tᵀe_Z),   right = t × up
@@ -152,72 +146,52 @@ def section_axes(direction: np.ndarray) -> np.ndarray:
     return np.stack([np.cross(direction, up), up], axis=-2)
 
 
-def _above(direction: np.ndarray) -> np.ndarray:
+def _above(direction: Array) -> Array:
     return np.where(np.abs(direction[..., 2:]) > VERTICAL, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class CylinderFit(Fit):
-    """A fitted elliptic cylinder; ``parameters`` (…, 9) are its direction, a point in m, the
-    semi-axes a ≥ b in m and φ in rad.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CylinderFit(EllipticFit):
+    """A fitted elliptic cylinder, ``parameters`` (…, 9): direction, point, a ≥ b in m, φ in rad.
 
     Seven of them are free, and the covariance has rank 7: where along the axis the point lies is a
     convention without variance.
 
     regular : (…, 15) the same cylinder as its point, the unit vectors right, up and along, and m,
-        g, h: m = (a + b)/2, (g, h) = (a − b)/2 · (cos 2φ, sin 2φ)
+        g, h
     regular_cofactor : (…, 7, 7) of offsets of the axis to the right and up at the point (m), tilts
-        of its direction to the right and up (rad), m, g, h (m). Where a − b is not many times its
-        standard deviation, φ and a − b are far from normally distributed and their entries in
-        ``cofactor`` say little (of a circle: nothing); these hold at any shape.
+        of its direction to the right and up (rad), m, g, h (m)
     """
 
-    regular: np.ndarray | None = None
-    regular_cofactor: np.ndarray | None = None
-
     NAMES = ("t_x", "t_y", "t_z", "x", "y", "z", "a", "b", "phi")
-    PER_STACK = (*Fit.PER_STACK, "regular", "regular_cofactor")
 
     @property
-    def direction(self) -> np.ndarray:
-        """(…, 3) unit vector t along the axis; the component that is largest in magnitude is
-        positive.
-        """
+    def direction(self) -> Array:
+        """(…, 3) unit vector t along the axis; its component largest in magnitude is positive."""
         return self.parameters[..., :3]
 
     @property
-    def point(self) -> np.ndarray:
+    def point(self) -> Array:
         """(…, 3) in m: the point of the axis nearest to the centroid of the points."""
         return self.parameters[..., 3:6]
 
     @property
-    def semi_axes(self) -> np.ndarray:
+    def semi_axes(self) -> Array:
         """(…, 2) in m, the major one first."""
         return self.parameters[..., 6:8]
 
     @property
     def angle(self):
-        """(…) direction of the major axis, in [0, π) rad from right towards up
-        (:func:`section_axes`).
-        """
+        """(…) of the major axis, in [0, π) rad from right towards up (:func:`section_axes`)."""
         return self.parameters[..., 8]
 
-    @property
-    def regular_covariance(self) -> np.ndarray:
-        """(…, 7, 7) covariance of the free parameters."""
-        if self.absolute:
-            return self.regular_cofactor
-        return np.asarray(self.sigma_0)[..., None, None] ** 2 * self.regular_cofactor
-
-    def surface(self) -> tuple[CylinderModel, np.ndarray, np.ndarray]:
-        x = self.regular.reshape(-1, FRAME.stop + 3)
-        return CylinderModel(), x, _described(x)[1]
+    def surface(self) -> FittedSurface:
+        x = self.regular.reshape(-1, SHAPE.stop)
+        return FittedSurface(CylinderModel(), x, _describe(x)[1])
 
 
-def _described(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nine parameters of x (B, 15) in the frame right, up, along, and their Jacobian by the
-    free ones, (B, 9, 7).
-    """
+def _describe(x: Array) -> tuple[Array, Array]:
+    """The nine parameters of x (B, 15) in the frame right, up, along; their Jacobian (B, 9, 7)."""
     frame = _frame(x)
     t = frame[:, 2]
     ellipse, of_ellipse = axes_of(_section(x))
@@ -231,9 +205,11 @@ def _described(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([t, x[:, POINT], ellipse[:, 2:]], axis=-1), J
 
 
-def _oriented(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same cylinders with the axis' point nearest to the origin and the frame right, up, along;
-    and the Jacobian, (B, 7, 7), of their free parameters by those of x (B, 15)."""
+def _orient(x: Array) -> tuple[Array, Array]:
+    """Take the axis' point nearest to the origin, and the frame right, up, along.
+
+    Returns x (B, 15), and the Jacobian (B, 7, 7) of its free parameters by those of the given x.
+    """
     frame = _frame(x)
     t = frame[:, 2]
     sign = np.sign(np.take_along_axis(t, np.argmax(np.abs(t), axis=-1)[:, None], axis=-1))
@@ -263,64 +239,45 @@ class CylinderCloud(Cloud):
     axis : (3,) approximate direction of all their axes, or None where it is to be looked for
     """
 
-    axis: np.ndarray | None
+    axis: Array | None = None
 
-    @property
-    def model(self) -> CylinderModel:
-        return CylinderModel()
+    surface = "an elliptic cylinder"
+    model = CylinderModel()
 
-    def start(self) -> np.ndarray:
-        """(B, 15) near the cylinder that fits all points best."""
-        return started(self.model, self.observations().drawn(SUBSET, 0).all().D, self.axis, None)[0]
+    def start(self) -> Array:
+        """Near the cylinder that fits all points best."""
+        D = self.observations().subsample(SUBSET, 0).all().D
+        return fit_majority(self.model, D, self.axis, None)[0]
 
-    def trimmed_start(self, model, D: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """Of seven points a sample would seldom be clean, and no closed form gives a cylinder from
-        them: see ``cylinder_start``.
-        """
-        return started(model, D, self.axis, seed)
+    def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
+        """Of seven points a sample would seldom be clean: see ``cylinder_start``."""
+        return fit_majority(self.model, D, self.axis, seed)
 
-    def bias(self, x: np.ndarray, sigma_0: np.ndarray) -> np.ndarray:
-        raise ValueError(
-            "bias_correction: expected False, which is all there is for an elliptic cylinder, got True"
-        )
-
-    def fit(self, method: str, adjusted) -> CylinderFit:
-        """The result in m of an adjustment  in the cloud's frame."""
-        x, J = _oriented(adjusted.x)
+    def fit(self, method: str, adjustment: Adjustment) -> CylinderFit:
+        """The result in m of an adjustment in the frame."""
+        x, J = _orient(adjustment.x)
         scale = np.broadcast_to(self.length[:, None], (len(x), PARAMETERS)).copy()
         scale[:, 2:4] = 1.0
-        cofactor = propagate(adjusted.cofactor, scale[..., None] * J)
+        cofactor = propagate(adjustment.cofactor, scale[..., None] * J)
         x[:, POINT] *= self.length[:, None]
         x[:, SHAPE] *= self.length[:, None]
-        distances = np.empty(self.points.shape[:2])
-        for piece in self.pieces():  # about the centroid, where no digits are lost
-            distances[:, piece] = self.model.linearised(
-                x, self.points[:, piece] - self.origin[:, None]
-            )[0]
+        centred = x.copy()  # about the centroid, where no digits are lost
         x[:, POINT] += self.origin
-        parameters, of_free = _described(x)
-        return CylinderFit(
-            method=method,
+        parameters, of_free = _describe(x)
+        return self.result(
+            CylinderFit,
+            method,
+            adjustment,
+            lambda points: self.model.linearised(centred, points - self.origin[:, None])[0],
             parameters=parameters,
             cofactor=propagate(cofactor, of_free),
-            sigma_0=adjusted.sigma,
-            distances=distances,
-            weights=np.broadcast_to(1.0, distances.shape)
-            if adjusted.weights is None
-            else adjusted.weights,
-            iterations=adjusted.convergence.iterations,
-            converged=adjusted.convergence.converged,
-            stop_reason=adjusted.convergence.stop_reason,
             regular=x,
             regular_cofactor=cofactor,
         )
 
 
-def reduce(
-    points: np.ndarray, weights=None, cofactors=None, first: int | None = None, *, axis=None
-) -> CylinderCloud:
-    """Centre and scale a stack ``(B, n, 3)``; axis (3,) the approximate direction of all axes or
-    None, the others as in :class:`Cloud`.
+def reduce(points: Array, weights=None, cofactors=None, *, axis=None) -> CylinderCloud:
+    """Centre and scale a stack ``(B, n, 3)``; axis (3,) of all of them or None, as :class:`Cloud`.
 
     Raises ``ValueError`` when the points of a cloud lie in a plane as far as their coordinates can
     tell, and for an axis without direction.
@@ -332,18 +289,13 @@ def reduce(
                 f"axis: expected three numbers that are not all 0, got {axis.tolist()}"
             )
         axis = axis / np.linalg.norm(axis)
-    cloud = CylinderCloud(points, weights, cofactors, first, *frame_of(points), axis=axis)
-    factor = cloud.factor_of(_rows)
-    extents = np.linalg.svd(factor[..., 1:, 1:], compute_uv=False) * cloud.length[:, None]
-    if bad := cloud.degenerate(extents, 3):
-        shape = ("all at one place", "on one line", "in one plane")[bad[1]]
-        raise ValueError(
-            f"points: expected points that determine an elliptic cylinder, got points {shape}{cloud.name(bad[0])}"
-        )
+    cloud = CylinderCloud(points, weights, cofactors, *frame_of(points), axis)
+    extents = np.linalg.svd(cloud.factor_of(_rows)[..., 1:, 1:], compute_uv=False)
+    cloud.require_dimensions(extents * cloud.length[:, None], 3)
     return cloud
 
 
-def _rows(points: np.ndarray, origin: np.ndarray, length: np.ndarray) -> np.ndarray:
+def _rows(points: Array, origin: Array, length: Array) -> Array:
     rows = np.ones((len(points), 4, points.shape[-2]))
     rows[:, 1:] = (points.swapaxes(-1, -2) - origin[..., None]) / length[:, None, None]
     return rows

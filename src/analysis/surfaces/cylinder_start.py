@@ -1,15 +1,13 @@
-"""Where the adjustment of an elliptic cylinder starts: trial directions, ellipses in the planes
-normal to them, concentration.
+"""Start of the adjustment of an elliptic cylinder: trial directions, ellipses, concentration.
 
 A cylinder has no closed form through a few points. But seen along its axis it is an ellipse, and
 five points give one. So
 
 1. along each of a number of trial directions the best ellipse through samples of five projected
-points, or the direct fit of
-   all, moved by a few damped Gauss-Newton steps on the h closest points, all seven parameters free:
-   that mends the direction;
+   points, or the direct fit of all, moved by a few damped Gauss-Newton steps on the h closest
+   points, all seven parameters free: that mends the direction;
 2. along the best directions so found more such ellipses, and these moved in the same way to the
-end.
+   end.
 
 With h a little more than half of the points this is least trimmed squares (Rousseeuw & Van Driessen
 2006), with h all of them an orthogonal distance fit. A subset of the points is enough for both.
@@ -20,7 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..adjustment.linalg import solve
-from ..orthogonal.least_trimmed_squares import closest, trimmed_sum, trimmed_variance
+from ..orthogonal.contracts import GeometricModel
+from ..orthogonal.least_trimmed_squares import closest, majority, trimmed_spread, trimmed_sum
+from ..result import Array
 from .ellipse import EllipseModel
 
 # points by which the samples are compared; with 45 % bad ones, chance seldom makes half of them bad
@@ -32,55 +32,50 @@ CANDIDATES = 12  # directions that are looked at again, and cylinders that are f
 KEPT = 6  # of the samples along each of these directions, those that are followed
 
 
-def started(
-    model, D: np.ndarray, axis: np.ndarray | None, seed: int | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cylinders near the clouds D (B, n, 3) in their frames, x (B, 15), and the spread of the
-    distances (B,) as a standard deviation.
+def fit_majority(
+    model: GeometricModel, D: Array, axis: Array | None, seed: int | None
+) -> tuple[Array, Array]:
+    """Cylinders near most of the points of clouds D (B, n, 3) in their frames.
 
     axis : (3,) approximate direction, or None to try directions all over
     seed : of the samples for least trimmed squares, or None to fit all points alike
+
+    Returns x (B, 15) and the spread of the distances (B,) as a standard deviation.
     """
-    found = [_started(model, cloud, axis, seed) for cloud in D]
+    found = [_fit_majority(model, cloud, axis, seed) for cloud in D]
     return np.stack([x for x, _ in found]), np.array([spread for _, spread in found])
 
 
-def _started(
-    model, D: np.ndarray, axis: np.ndarray | None, seed: int | None
-) -> tuple[np.ndarray, float]:
+def _fit_majority(
+    model: GeometricModel, D: Array, axis: Array | None, seed: int | None
+) -> tuple[Array, float]:
     generator = np.random.default_rng(0 if seed is None else seed)
     D = D[generator.permutation(len(D))]
     few = D[:SCREENED]
     directions = trial_directions(D) if axis is None else axis[None]
-    draws = (
-        None
-        if seed is None
-        else np.argsort(generator.uniform(size=(SAMPLES, len(few))), axis=-1)[:, :5]
-    )
-    h, h_few = (
-        len(points) if seed is None else (len(points) + model.degrees + 1) // 2
-        for points in (D, few)
-    )
+    draws, h, h_few = None, len(D), len(few)
+    if seed is not None:
+        draws = np.argsort(generator.uniform(size=(SAMPLES, len(few))), axis=-1)[:, :5]
+        h, h_few = majority(len(D), model), majority(len(few), model)
     for kept in (1 if axis is None else KEPT, KEPT):
         x = np.concatenate(
             [_along(few, frame, draws, h_few, kept) for frame in _frames_along(directions)]
         )
-        x, cost = concentrated(model, x, few, h_few, 6)
+        x, cost = concentrate(model, x, few, h_few, 6)
         x = x[np.argsort(cost)[:CANDIDATES]]
         directions = x[:, 9:12]
-    x, cost = concentrated(model, x, D, h, 40)
+    x, cost = concentrate(model, x, D, h, 40)
     best = np.argmin(cost)
-    return x[best], np.sqrt(cost[best] / h / trimmed_variance(h / len(D)))
+    return x[best], trimmed_spread(cost[best], h, len(D))
 
 
 # ---------------------------------------------------------------------------- directions
 
 
-def trial_directions(D: np.ndarray) -> np.ndarray:
-    """(C, 3) unit vectors: the principal axes of a cloud (n, 3), some close around them, and a
-    hemisphere about 17° apart.
+def trial_directions(D: Array) -> Array:
+    """(C, 3) unit vectors: principal axes of a cloud (n, 3), some near them, and a hemisphere.
 
-    The principal axes are those of the shape matrix of Tyler (1987), for which far points count no
+    Those of the hemisphere are about 17° apart. The principal axes are those of the shape matrix of Tyler (1987), for which far points count no
     more than near ones.
     """
     D = D - np.median(D, axis=0)
@@ -99,7 +94,7 @@ def trial_directions(D: np.ndarray) -> np.ndarray:
     return np.concatenate([near @ np.roll(axes, k, axis=0) for k in range(3)] + [hemisphere @ axes])
 
 
-def _directions(tilt, azimuth: np.ndarray) -> np.ndarray:
+def _directions(tilt, azimuth: Array) -> Array:
     return np.stack(
         np.broadcast_arrays(
             np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)
@@ -108,29 +103,24 @@ def _directions(tilt, azimuth: np.ndarray) -> np.ndarray:
     )
 
 
-def _frames_along(directions: np.ndarray) -> np.ndarray:
+def _frames_along(directions: Array) -> Array:
     """(C, 3, 3) orthonormal frames, rows e1, e2, t, along unit vectors t (C, 3)."""
     e1 = np.cross(np.eye(3)[np.argmin(np.abs(directions), axis=-1)], directions)
     e1 /= np.linalg.norm(e1, axis=-1, keepdims=True)
     return np.stack([e1, np.cross(directions, e1), directions], axis=-2)
 
 
-# ---------------------------------------------------------------------------- ellipses along a
-# direction
+# ---------------------------------------------------------------------------- ellipses
 
 
-def _along(
-    D: np.ndarray, frame: np.ndarray, draws: np.ndarray | None, h: int, kept: int
-) -> np.ndarray:
-    """The ``kept`` cylinders x (…, 15) along one direction with the least sum of their h smallest
-    squared distances.
-    """
-    seen = D @ frame[:2].T
+def _along(D: Array, frame: Array, draws: Array | None, h: int, kept: int) -> Array:
+    """The ``kept`` best cylinders x (…, 15) along one direction, by their h closest points."""
+    seen, section = D @ frame[:2].T, EllipseModel()
     if draws is None:
-        ellipses = EllipseModel.algebraic(seen, np.ones(len(seen)))[None]
+        ellipses = section.algebraic(seen, np.ones(len(seen)))[None]
     else:
-        ellipses = EllipseModel.through(seen[draws])
-    cost = trimmed_sum(EllipseModel, ellipses[None], seen[None], h)[0]
+        ellipses = section.minimal_fit(seen[draws])
+    cost = trimmed_sum(section, ellipses[None], seen[None], h)[0]
     best = np.argsort(cost)[:kept]
     ellipses = ellipses[best[np.isfinite(cost[best])]]
     frames = np.broadcast_to(frame.ravel(), (len(ellipses), 9))
@@ -140,11 +130,12 @@ def _along(
 # ---------------------------------------------------------------------------- concentration
 
 
-def concentrated(
-    model, x: np.ndarray, D: np.ndarray, h: int, steps: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Each x (K, 15) after damped Gauss-Newton steps that lessen the sum of the h smallest squared
-    distances, and that sum, (K,).
+def concentrate(
+    model: GeometricModel, x: Array, D: Array, h: int, steps: int
+) -> tuple[Array, Array]:
+    """Each x (K, 15) after damped Gauss-Newton steps on its h closest points.
+
+    They lessen the sum of the h smallest squared distances, which comes second, (K,).
     """
     D = np.broadcast_to(D, (len(x),) + D.shape)
     cost = trimmed_sum(model, x[:, None], D, h)[:, 0]
@@ -156,7 +147,7 @@ def concentrated(
         N += (damping * np.trace(N, axis1=-2, axis2=-1) / model.degrees)[:, None, None] * np.eye(
             model.degrees
         )
-        new = model.moved(x, -solve(N, weighed @ f[..., None])[..., 0])
+        new = model.update(x, -solve(N, weighed @ f[..., None])[..., 0])
         now = trimmed_sum(model, new[:, None], D, h)[:, 0]
         better = now < cost
         settled = np.where(better, cost - now <= 1e-6 * cost, damping > 1.0).all()

@@ -14,25 +14,22 @@ every point: inside, at the centre, on an axis.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from ..adjustment.iteration import Convergence, Ending, Stack, iterate
+from ..adjustment.iteration import Ending, Stack, iterate
 from ..adjustment.linalg import cofactor_from_normal, propagate, solve, unit_weight_sd
 from ..adjustment.weights import IGG3, PRINTED_THRESHOLDS, ROUNDED_MAD_TO_SD
 from ..checks import check_positive, check_whole_number
-from ..orthogonal.cloud import ROUNDING, Cloud, Points, frame_of
-from ..result import Fit
-from .conic import (
-    axes_of,
-    conic_of,
-    direct_from_factor,
-    direct_from_points,
-    ellipse_of,
-    rows,
-    through,
-)
+from ..orthogonal.cloud import ROUNDING, Cloud, frame_of
+from ..orthogonal.contracts import ElementalModel
+from ..orthogonal.least_trimmed_squares import least_trimmed_squares
+from ..orthogonal.observations import Points
+from ..result import Adjustment, Array, Fit, FittedSurface
+from .conic import axes_of, conic_of, direct_from_factor, direct_from_points, ellipse_of, rows
+from .conic import minimal_fit as conic_minimal_fit
 
 PARAMETERS = 5
 STANDS_STILL = 1e-10  # change of the robust direct ellipse, in the frame's unit
@@ -41,27 +38,23 @@ NEAREST_TO_ZERO = 1e-30  # coordinate of a point in the ellipse's own unit
 # semi-axis in units of the cloud's extent,
 LARGEST = 1e4  # beyond which that is so however the iteration ended
 LARGE = 100.0  # beyond which it is the reason for not converging
-NO_ELLIPSE = "no ellipse: the points lie closer to a parabola or hyperbola, towards which ellipses grow without end"
+NO_ELLIPSE = (
+    "no ellipse: the points lie closer to a parabola or hyperbola, "
+    "towards which ellipses grow without end"
+)
 NOT_NATURAL = "no ellipse: without the condition that it be one, the best conic is a hyperbola"
 
 
-class EllipseModel:
+class EllipseModel(ElementalModel):
     """The ellipse as a geometric model, x = (u0, v0, m, g, h) in the cloud's frame."""
 
     dimension = 2
     degrees = PARAMETERS
     sample = 5
-    holds = False
 
     @staticmethod
-    def held(x: np.ndarray) -> np.ndarray:
-        return x
-
-    @staticmethod
-    def moved(x: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """x (…, 5) after a step, shortened where it is longer than m or would take off more than
-        0.8 of the minor semi-axis.
-        """
+    def update(x: Array, step: Array) -> Array:
+        """x after a step, shortened if longer than m or 0.8 of what the minor semi-axis can lose."""
         b, new = _minor(x), _minor(x + step)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.minimum(1.0, x[..., 2] / np.linalg.norm(step, axis=-1))
@@ -71,14 +64,13 @@ class EllipseModel:
         return x + np.where(np.isfinite(share), share, 1.0)[..., None] * step
 
     @staticmethod
-    def distances(x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Distances of first order ``(|q| − 1)|q|/|S⁻¹q|``, q = S⁻¹(p − centre), x (B, K, 5) → (B,
-        K, n); exact for a circle.
+    def distances(x: Array, D: Array) -> Array:
+        """First order: ``(|q| − 1)|q|/|S⁻¹q|``, q = S⁻¹(p − centre); exact for a circle.
 
         Good enough to rank candidates, of which there are many: two quadratic forms, and no
         iteration.
         """
-        monomials = rows(points[..., 0], points[..., 1])[..., [3, 4, 5, 1, 2, 0], :]
+        monomials = rows(D[..., 0], D[..., 1])[..., [3, 4, 5, 1, 2, 0], :]
         square = conic_of(x) @ monomials
         square += 1.0  # |q|²
         np.maximum(square, 0.0, out=square)
@@ -97,14 +89,13 @@ class EllipseModel:
         return square
 
     @staticmethod
-    def linearised(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Orthogonal distances (…, n) of points (…, n, 2) from x (…, 5), and their Jacobian (…, 5,
-        n).
+    def linearised(x: Array, D: Array) -> tuple[Array, Array]:
+        """Orthogonal distances and their Jacobian.
 
         The distance is ``n · (p − centre − S e)``, and its derivative −n · ∂(centre + S e)/∂x at
         fixed e, because neither the foot's move along the ellipse nor the normal's turn changes it.
         """
-        P, e, normals = _feet(x, points)
+        P, e, normals = _feet(x, D)
         (eu, ev), (nu, nv) = np.moveaxis(e, -2, 0), np.moveaxis(normals, -2, 0)
         m, g, h = np.moveaxis(x[..., 2:, None], -2, 0)
         J = -np.stack([nu, nv, nu * eu + nv * ev, nu * eu - nv * ev, nu * ev + nv * eu], axis=-2)
@@ -117,26 +108,24 @@ class EllipseModel:
         return d, J
 
     @staticmethod
-    def normals(x: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Unit normals at the feet of points (…, n, 2), outwards."""
-        return _feet(x, points)[2].swapaxes(-1, -2)
+    def normals(x: Array, D: Array) -> Array:
+        """Unit normals at the feet, outwards."""
+        return _feet(x, D)[2].swapaxes(-1, -2)
 
     @staticmethod
-    def adjusted(x: np.ndarray, points: Points) -> np.ndarray:
-        """The places on the ellipse nearest to the points in the metric of Q⁻¹, (B, n, 2).
+    def foot_points(x: Array, points: Points) -> Array:
+        """Feet on the ellipse that T makes of this one, in coordinates ``T p`` with ``TᵀT = Q⁻¹``.
 
-        In the coordinates ``T p`` with ``TᵀT = Q⁻¹``, of each point its own, they are the feet on
-        the ellipse that T makes of this one.
+        T is each point's own.
         """
+        assert points.axes is not None
         sd = np.sqrt(points.variances)
         centre = x[:, None, :2]
         q = np.einsum("bnij,bni->bnj", points.axes, points.D - centre) / sd
         T_S = points.axes.swapaxes(-1, -2) @ _matrix(x)[:, None] / sd[..., None]
         H = T_S @ T_S.swapaxes(-1, -2)  # whose eigenvalues are the squared semi-axes
-        half_sum, half_difference = (
-            0.5 * (H[..., 0, 0] + H[..., 1, 1]),
-            0.5 * (H[..., 0, 0] - H[..., 1, 1]),
-        )
+        half_sum = 0.5 * (H[..., 0, 0] + H[..., 1, 1])
+        half_difference = 0.5 * (H[..., 0, 0] - H[..., 1, 1])
         a = np.sqrt(half_sum + np.hypot(half_difference, H[..., 0, 1]))
         b = np.abs(T_S[..., 0, 0] * T_S[..., 1, 1] - T_S[..., 0, 1] * T_S[..., 1, 0]) / a
         angle = 0.5 * np.arctan2(H[..., 0, 1], half_difference)
@@ -146,32 +135,32 @@ class EllipseModel:
         return centre + np.einsum("bnij,bnj->bni", points.axes, sd * foot)
 
     @staticmethod
-    def algebraic(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def algebraic(D: Array, weights: Array) -> Array:
         """Weighted direct least squares (Halir & Flusser) from the moments of the points."""
-        return ellipse_of(direct_from_points(points, weights)[0])
+        return ellipse_of(direct_from_points(D, weights)[0])
 
     @staticmethod
-    def through(samples: np.ndarray) -> np.ndarray:
-        """Ellipses through five points (…, 5, 2); NaN where their conic is no ellipse."""
-        return through(samples)
+    def minimal_fit(samples: Array) -> Array:
+        """Through five points; NaN where their conic is no ellipse."""
+        return conic_minimal_fit(samples)
 
 
-def _minor(x: np.ndarray) -> np.ndarray:
+def _minor(x: Array) -> Array:
     return x[..., 2] - np.hypot(x[..., 3], x[..., 4])
 
 
-def _area(x: np.ndarray) -> np.ndarray:
+def _area(x: Array) -> Array:
     """det S = ab."""
     return x[..., 2] ** 2 - x[..., 3] ** 2 - x[..., 4] ** 2
 
 
-def _matrix(x: np.ndarray) -> np.ndarray:
+def _matrix(x: Array) -> Array:
     """S, (…, 2, 2)."""
     m, g, h = x[..., 2], x[..., 3], x[..., 4]
     return np.stack([np.stack([m + g, h], axis=-1), np.stack([h, m - g], axis=-1)], axis=-2)
 
 
-def _feet(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _feet(x: Array, points: Array) -> tuple[Array, Array, Array]:
     """p − centre, e of the foot and the outward normal there, each (…, 2, n), of points (…, n, 2)
     and ellipses x (…, 5).
     """
@@ -191,9 +180,7 @@ def _feet(x: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     return P, e, np.stack([c * along - s * across, s * along + c * across], axis=-2)
 
 
-def _eccentric(
-    X: np.ndarray, Y: np.ndarray, a: np.ndarray, b: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _eccentric(X: Array, Y: Array, a: Array, b: Array) -> tuple[Array, Array]:
     """(cos τ, sin τ) of the foot (a cos τ, b sin τ) of points (X, Y) in the axes of their ellipses,
     a ≥ b.
 
@@ -216,9 +203,7 @@ def _eccentric(
     return np.copysign(cos / size, X), np.copysign(sin / size, Y)
 
 
-def polar(
-    x: np.ndarray, angles: np.ndarray, pole: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def polar(x: Array, angles: Array, pole: Array) -> tuple[Array, Array, Array]:
     """Radii of ellipses x (…, 5) from a pole (…, 2) inside, towards (sin α, cos α) for angles α
     (K,): up is 0, right is positive.
 
@@ -250,30 +235,42 @@ def polar(
     return radii, gradient, gradient[..., :2]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class EllipseFit(Fit):
-    """A fitted ellipse; ``parameters`` are (u0, v0, a, b, φ) in m and rad, a ≥ b, φ in [0, π).
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class EllipticFit(Fit):
+    """A fit of an elliptic section, which may be a circle.
 
-    regular : (…, 5) the same ellipse as (u0, v0, m, g, h) in m: m = (a + b)/2, (g, h) = (a − b)/2 ·
-        (cos 2φ, sin 2φ)
-    regular_cofactor : (…, 5, 5) of these. Where a − b is not many times its standard deviation, φ
-        and a − b are far from normally distributed and their entries in ``cofactor`` say little (of
-        a circle: nothing); these hold at any shape.
+    regular : (…, k) numbers that describe it also where it is a circle, among them m = (a + b)/2
+        and (g, h) = (a − b)/2 · (cos 2φ, sin 2φ), in m
+    regular_cofactor : (…, t, t) of its free parameters. Where a − b is not many times its standard
+        deviation, φ and a − b are far from normally distributed and their entries in ``cofactor``
+        say little (of a circle: nothing); these hold at any shape.
     """
 
-    regular: np.ndarray | None = None
-    regular_cofactor: np.ndarray | None = None
-
-    NAMES = ("u0", "v0", "a", "b", "phi")
-    PER_STACK = (*Fit.PER_STACK, "regular", "regular_cofactor")
+    regular: Array
+    regular_cofactor: Array
 
     @property
-    def center(self) -> np.ndarray:
+    def regular_covariance(self) -> Array:
+        """(…, t, t) covariance of the free parameters."""
+        return self.scaled(self.regular_cofactor)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class EllipseFit(EllipticFit):
+    """A fitted ellipse; ``parameters`` are (u0, v0, a, b, φ) in m and rad, a ≥ b, φ in [0, π).
+
+    regular : (…, 5) the same ellipse as (u0, v0, m, g, h); regular_cofactor : (…, 5, 5) of these
+    """
+
+    NAMES = ("u0", "v0", "a", "b", "phi")
+
+    @property
+    def center(self) -> Array:
         """(…, 2) in m."""
         return self.parameters[..., :2]
 
     @property
-    def semi_axes(self) -> np.ndarray:
+    def semi_axes(self) -> Array:
         """(…, 2) in m, the major one first."""
         return self.parameters[..., 2:4]
 
@@ -283,52 +280,44 @@ class EllipseFit(Fit):
         return self.parameters[..., 4]
 
     @property
-    def conic(self) -> np.ndarray:
-        """(…, 6) of ``A u² + B uv + C v² + D u + E v + F = 0``, −1 at the centre. Far from the
-        origin it loses digits.
+    def conic(self) -> Array:
+        """(…, 6) of ``A u² + B uv + C v² + D u + E v + F = 0``, −1 at the centre.
+
+        Far from the origin it loses digits.
         """
         return conic_of(self.regular)
 
-    @property
-    def regular_covariance(self) -> np.ndarray:
-        """(…, 5, 5) covariance of (u0, v0, m, g, h)."""
-        if self.absolute:
-            return self.regular_cofactor
-        return np.asarray(self.sigma_0)[..., None, None] ** 2 * self.regular_cofactor
-
-    def polar(
-        self, angles: np.ndarray, pole: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """:func:`polar` of the fitted ellipse; the covariance of what its gradient refers to is
-        ``regular_covariance``.
-        """
+    def polar(self, angles: Array, pole: Array) -> tuple[Array, Array, Array]:
+        """:func:`polar` of the fitted ellipse; its gradient goes with ``regular_covariance``."""
         return polar(self.regular, angles, pole)
 
-    def surface(self) -> tuple[EllipseModel, np.ndarray, np.ndarray]:
+    def surface(self) -> FittedSurface:
         x = self.regular.reshape(-1, PARAMETERS)
-        return EllipseModel(), x, axes_of(x)[1]
+        return FittedSurface(EllipseModel(), x, axes_of(x)[1])
 
 
 @dataclass(frozen=True, eq=False)
 class EllipseCloud(Cloud):
-    """A stack of plane clouds with what every method of the ellipse needs of them first.
+    """A stack of plane clouds around ellipses."""
 
-    factor : (B, 6, 6) triangular factor of the weighted rows ``(1, u, v, u², uv, v²)`` in the
-        cloud's frame
-    """
+    surface = "an ellipse"
+    model = EllipseModel()
 
-    factor: np.ndarray
+    @cached_property
+    def factor(self) -> Array:
+        """(B, 6, 6) triangular factor of the weighted rows ``(1, u, v, u², uv, v²)``."""
+        return self.factor_of(_rows)
 
-    @property
-    def model(self) -> EllipseModel:
-        return EllipseModel()
-
-    def start(self) -> np.ndarray:
-        """(B, 5) direct least squares."""
+    def start(self) -> Array:
+        """Direct least squares."""
         return ellipse_of(direct_from_factor(self.factor)[0])
 
-    def bias(self, x: np.ndarray, sigma_0: np.ndarray) -> np.ndarray:
-        """(B, 5) bias of second order of an orthogonal fit with equal isotropic noise.
+    def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
+        """Least trimmed squares."""
+        return least_trimmed_squares(self.model, D, seed)
+
+    def bias(self, x: Array, sigma: Array) -> Array:
+        """With equal isotropic noise.
 
         Noise along the ellipse takes a point off it, outwards, by κσ²/2 on average with the
         curvature κ, and that is what the parameters follow: for a circle σ²/(2r) of the radius.
@@ -341,87 +330,52 @@ class EllipseCloud(Cloud):
         _, J = self.model.linearised(x, D)
         _, e, _ = _feet(x, D)
         curvature = _area(x)[:, None] / _speed(x, e) ** 3
-        outwards = 0.5 * curvature * ((sigma_0 / self.length) ** 2)[:, None]
+        outwards = 0.5 * curvature * ((sigma / self.length) ** 2)[:, None]
         return -solve(J @ J.swapaxes(-1, -2), J @ outwards[..., None])[..., 0]
 
-    def fit(self, method: str, adjusted) -> EllipseFit:
-        """The result in m of an adjustment of (u0, v0, m, g, h) in the cloud's frame
-        (``robust.Adjusted``).
-        """
-        return self._assembled(
-            method,
-            adjusted.x,
-            adjusted.cofactor,
-            adjusted.sigma,
-            adjusted.convergence,
-            adjusted.weights,
-        )
-
-    def _assembled(
-        self, method, x, cofactor, sigma_0, convergence: Convergence, weights=None
-    ) -> EllipseFit:
-        length = self.length[:, None]
+    def fit(self, method: str, adjustment: Adjustment) -> EllipseFit:
+        """The result in m of an adjustment of (u0, v0, m, g, h) in the frame."""
+        x, length = adjustment.x, self.length[:, None]
         regular = length * x
         regular[:, :2] += self.origin
-        regular_cofactor = cofactor * length[..., None] ** 2
+        regular_cofactor = adjustment.cofactor * length[..., None] ** 2
         parameters, J = axes_of(regular)
-        distances = np.empty(self.points.shape[:2])
         # digits lost in `regular` far from the origin
         centred = np.concatenate([length * x[:, :2], regular[:, 2:]], axis=-1)
-        for piece in self.pieces():
-            distances[:, piece] = self.model.linearised(
-                centred, self.points[:, piece] - self.origin[:, None]
-            )[0]
-        endless = ~(x[:, 2] <= np.where(convergence.converged, LARGEST, LARGE))
-        return EllipseFit(
-            method=method,
+        ended = adjustment.convergence
+        endless = ~(x[:, 2] <= np.where(ended.converged, LARGEST, LARGE))
+        return self.result(
+            EllipseFit,
+            method,
+            replace(adjustment, convergence=ended.failed_where(endless, NO_ELLIPSE)),
+            lambda points: self.model.linearised(centred, points - self.origin[:, None])[0],
             parameters=parameters,
             cofactor=propagate(regular_cofactor, J),
-            sigma_0=sigma_0,
-            distances=distances,
-            weights=np.broadcast_to(1.0, distances.shape) if weights is None else weights,
-            iterations=convergence.iterations,
-            converged=convergence.converged & ~endless,
-            stop_reason=np.where(endless, NO_ELLIPSE, convergence.stop_reason),
             regular=regular,
             regular_cofactor=regular_cofactor,
         )
 
 
-def reduce(
-    points: np.ndarray, weights=None, cofactors=None, first: int | None = None
-) -> EllipseCloud:
-    """Centre, scale and factorise a stack ``(B, n, 2)``; arguments as the fields of
-    :class:`~analysis.orthogonal.cloud.Cloud`.
+def reduce(points: Array, weights=None, cofactors=None) -> EllipseCloud:
+    """Centre and scale a stack ``(B, n, 2)``, as :class:`~analysis.orthogonal.cloud.Cloud`.
 
     Raises ``ValueError`` when the points of a cloud lie on a line, or when more than one conic
     passes through them, as far as their coordinates can tell.
     """
-    frame = Cloud(points, weights, cofactors, first, *frame_of(points))
-    cloud = EllipseCloud(**vars(frame), factor=frame.factor_of(_rows))
-    extents = np.linalg.svd(cloud.factor[:, 1:3, 1:3], compute_uv=False) * cloud.length[:, None]
-    if bad := cloud.degenerate(extents, 2):
-        shape = ("all at one place", "on one line")[bad[1]]
-        raise ValueError(
-            f"points: expected points that determine an ellipse, got points {shape}{cloud.name(bad[0])}"
-        )
+    cloud = EllipseCloud(points, weights, cofactors, *frame_of(points))
+    extents = np.linalg.svd(cloud.factor[:, 1:3, 1:3], compute_uv=False)
+    cloud.require_dimensions(extents * cloud.length[:, None], 2)
     s = np.linalg.svd(cloud.factor[:, 3:, 3:], compute_uv=False)
     # Of the three combinations of u², uv and v² that are left of lines, one may be constant on the
     # points, but not two.
-    rounding = (
-        16
-        * np.sqrt(cloud.count)
-        * np.finfo(float).eps
-        * (1.0 + np.abs(cloud.origin).max(axis=-1) / cloud.length)
-    )
-    if len(bad := np.flatnonzero(s[:, 1] <= np.maximum(rounding, 1e-10) * s[:, 0])):
-        raise ValueError(
-            f"points: expected points that determine an ellipse, got points on more than one conic{cloud.name(int(bad[0]))}"
-        )
+    far = 1.0 + np.abs(cloud.origin).max(axis=-1) / cloud.length
+    rounding = 16 * np.sqrt(cloud.count) * np.finfo(float).eps * far
+    for bad in np.flatnonzero(s[:, 1] <= np.maximum(rounding, 1e-10) * s[:, 0]):
+        raise cloud.degenerate("points on more than one conic", bad)
     return cloud
 
 
-def _rows(points: np.ndarray, origin: np.ndarray, length: np.ndarray) -> np.ndarray:
+def _rows(points: Array, origin: Array, length: Array) -> Array:
     D = (points - origin[:, None]) / length[:, None, None]
     return rows(D[..., 0], D[..., 1])
 
@@ -446,18 +400,17 @@ def direct(cloud: EllipseCloud) -> EllipseFit:
     d, _ = cloud.model.linearised(x, points.D)
     sigma = unit_weight_sd(np.sum(d * d / points.variances, axis=-1), cloud.count - PARAMETERS)
     cofactor = _algebraic_cofactor(x, points, np.ones_like(d))
-    return cloud._assembled(
-        "direct", x, cofactor, sigma, _only_ellipses(Convergence.closed_form(len(x)), natural)
-    )
+    adjustment = Adjustment.closed_form(x, cofactor, sigma)
+    return cloud.fit("direct", _only_ellipses(adjustment, natural))
 
 
 @dataclass(frozen=True)
 class State(Stack):
     """x, and the scale and weights that it was found with."""
 
-    x: np.ndarray
-    sigma: np.ndarray
-    weights: np.ndarray
+    x: Array
+    sigma: Array
+    weights: Array
 
 
 def robust_direct(
@@ -503,17 +456,17 @@ def robust_direct(
     factor = function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
     cofactor = factor * _algebraic_cofactor(x, points, weights)
     _, natural = direct_from_points(points.D, weights / points.variances)
-    return cloud._assembled(
-        "robust_direct", x, cofactor, sigma, _only_ellipses(convergence, natural), weights
-    )
+    adjustment = Adjustment(x, cofactor, sigma, weights, convergence)
+    return cloud.fit("robust_direct", _only_ellipses(adjustment, natural))
 
 
-def _only_ellipses(convergence: Convergence, natural: np.ndarray) -> Convergence:
+def _only_ellipses(adjustment: Adjustment, natural: Array) -> Adjustment:
     """Mark as not converged where only the condition makes an ellipse of the conic."""
-    return convergence.failed_where(~natural, NOT_NATURAL)
+    ended = adjustment.convergence.failed_where(~natural, NOT_NATURAL)
+    return replace(adjustment, convergence=ended)
 
 
-def _algebraic_cofactor(x: np.ndarray, points: Points, weights: np.ndarray) -> np.ndarray:
+def _algebraic_cofactor(x: Array, points: Points, weights: Array) -> Array:
     """Cofactor ``N⁻¹MN⁻¹``, N = Σ G²wJJᵀ, M = Σ G⁴w²v/ω JJᵀ, w = ω/v: f ≈ G d, where G is the slope
     of f at the foot.
     """
@@ -526,7 +479,7 @@ def _algebraic_cofactor(x: np.ndarray, points: Points, weights: np.ndarray) -> n
     return propagate(M, cofactor_from_normal(N))
 
 
-def _speed(x: np.ndarray, e: np.ndarray) -> np.ndarray:
+def _speed(x: Array, e: Array) -> Array:
     """|dp/dτ| (…, n) at the places e (…, 2, n); it is |S⁻¹e| det S."""
     m, g, h = np.moveaxis(x[..., 2:, None], -2, 0)
     return np.hypot(

@@ -26,7 +26,7 @@ import numpy as np
 from ..blocks import pieces
 from ..checks import check_one_of, check_positive, point_array
 from ..orthogonal.gauss_helmert import robust
-from ..result import joined
+from ..result import join
 from ..surfaces import cylinder
 from ..surfaces.cylinder import CylinderFit
 from .lining_surface import PixelGrid, fitted, median_scale
@@ -269,7 +269,7 @@ def _cylinder(rho, alpha, w, grid: PixelGrid, seed: int) -> CylinderFit:
     chosen = _one_a_pixel(grid.pixels(alpha, w), rho)
     points = _cartesian(rho[chosen], alpha[chosen], w[chosen])
     cloud = cylinder.reduce(points[None], axis=np.array([0.0, 1.0, 0.0]))
-    return joined([robust(cloud, seed=seed)], ())
+    return join([robust(cloud, seed=seed)], ())
 
 
 def _distances(fit: CylinderFit, rho, alpha, w) -> np.ndarray:

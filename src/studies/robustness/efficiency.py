@@ -12,15 +12,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.adjustment import igg3
-from analysis.adjustment.weights import IGG3
-from analysis.orthogonal import gauss_helmert
+from analysis.adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, PRINTED_THRESHOLDS
 
 from ..montecarlo import EVERY_METHOD, sphere_study
 from ..ou_liu_2017.clouds import SPHERE_CENTER, SPHERE_POINTS, SPHERE_RADIUS, sphere_cloud
 from .redraws import failures, stacked
 
 SIGMA = 0.01 / np.sqrt(12.0)  # m; the noise that rounding to 0.01 m leaves, here normal
+DEFAULTS = {"igg3_wtls": PRINTED_THRESHOLDS, "robust": EFFICIENT_THRESHOLDS}
 EXACT = 12  # decimals that stand for points without rounding
 
 
@@ -28,10 +27,8 @@ def _igg3(options: Mapping) -> IGG3:
     """The weight function of keyword arguments of `fit_sphere`, the method's own thresholds where
     none are given.
     """
-    defaults = {"igg3_wtls": igg3.igg3_wtls, "robust": gauss_helmert.robust}[
-        options["method"]
-    ].__kwdefaults__
-    return IGG3(*({**defaults, **options}[name] for name in ("k0", "k1")))
+    k0, k1 = DEFAULTS[options["method"]]
+    return IGG3(options.get("k0", k0), options.get("k1", k1))
 
 
 VARIANTS: dict[str, dict] = EVERY_METHOD | {

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from analysis.export import tables
-from analysis.surfaces.plane import incidence_cosines
+from analysis.surfaces.plane_eiv import incidence_cosines
 
 from .. import publish
 from ..paths import SIMULATED

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from analysis.adjustment.algorithms import ALGORITHMS
 from analysis.adjustment.wtls import Estimate, wtls
 from analysis.methods import fit_plane
-from analysis.surfaces.plane import incidence_cosines
+from analysis.surfaces.plane_eiv import incidence_cosines
 
 from ..ou_liu_2017.clouds import read_sphere_cloud
 from ..ou_liu_2017.readings import design

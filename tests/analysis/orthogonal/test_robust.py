@@ -270,7 +270,7 @@ def test_the_start_does_not_know_the_order(count):
     """
     given = reduce(GROSS[None]).observations()
     shuffled = replace(given, points=given.points[:, np.random.default_rng(8).permutation(500)])
-    first, second = (points.drawn(count, 0).all().D for points in (given, shuffled))
+    first, second = (points.subsample(count, 0).all().D for points in (given, shuffled))
     assert first.shape == (1, count, 3)
     np.testing.assert_array_equal(first, second)
     first, second = (least_trimmed_squares(SphereModel(None), D, 0) for D in (first, second))
@@ -281,7 +281,7 @@ def test_the_start_does_not_know_the_order(count):
 def test_another_seed_draws_other_points():
     given = reduce(GROSS[None]).observations()
     first, second = (
-        {tuple(point) for point in given.drawn(250, seed).points[0]} for seed in (0, 1)
+        {tuple(point) for point in given.subsample(250, seed).points[0]} for seed in (0, 1)
     )
     assert len(first) == len(second) == 250
     assert 75 < len(first & second) < 175  # half of them by chance

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import analysis
-from analysis.orthogonal.cloud import Points
+from analysis.orthogonal.observations import Points
 from analysis.surfaces import cylinder
 from analysis.surfaces.cylinder import CylinderModel, section_axes
 
@@ -187,7 +187,7 @@ def test_derivatives_are_those_of_the_distances():
     _, J = CylinderModel().linearised(x, points)
     for k, step in enumerate(1e-6 * np.eye(7)):
         ahead, behind = (
-            CylinderModel().linearised(CylinderModel.moved(x, s), points)[0] for s in (step, -step)
+            CylinderModel().linearised(CylinderModel.update(x, s), points)[0] for s in (step, -step)
         )
         np.testing.assert_allclose(J[k], (ahead - behind) / 2e-6, atol=1e-7)
     normals = CylinderModel.normals(x, points)
@@ -204,7 +204,7 @@ def test_derivatives_of_the_parameters(seed):
     for k, step in enumerate(1e-6 * np.eye(7)):
         moved = []
         for s in (step, -step):
-            y = model.moved(x, s[None])
+            y = model.update(x, s[None])
             t = y[:, 9:12]
             axes = section_axes(t)
             S = cylinder._frame(y)[:, :2].swapaxes(-1, -2) @ _matrix(y) @ cylinder._frame(y)[:, :2]
@@ -227,14 +227,14 @@ def test_adjusted_points_are_nearest_in_the_metric_of_their_cofactors():
     points = surface(12, 3.0, 2.0, noise=0.3, seed=3) @ R.T
     A = generator.standard_normal((12, 3, 3))
     Q = A @ A.swapaxes(-1, -2) + 0.1 * np.eye(3)
-    adjusted = CylinderModel.adjusted(x, Points.of(points[None], Q[None]))[0]
+    adjusted = CylinderModel.foot_points(x, Points.of(points[None], Q[None]))[0]
     np.testing.assert_allclose(CylinderModel().linearised(x[0], adjusted)[0], 0, atol=1e-12)
     # Lagrange: Q⁻¹(p − p̃) is along the normal there.
     multiplier = np.linalg.solve(Q, (points - adjusted)[..., None])[..., 0]
     np.testing.assert_allclose(
         np.cross(multiplier, CylinderModel.normals(x[0], adjusted)), 0, atol=1e-10
     )
-    isotropic = CylinderModel.adjusted(
+    isotropic = CylinderModel.foot_points(
         x, Points.of(points[None], np.broadcast_to(0.3 * np.eye(3), (1, 12, 3, 3)))
     )[0]
     d, _ = CylinderModel().linearised(x[0], points)

@@ -13,7 +13,7 @@ from scipy.stats import f as fisher
 
 import analysis
 from analysis.adjustment.linalg import propagate
-from analysis.orthogonal.cloud import Points
+from analysis.orthogonal.observations import Points
 from analysis.result import ConvergenceWarning
 from analysis.surfaces import conic
 from analysis.surfaces.ellipse import EllipseModel, _eccentric
@@ -120,7 +120,7 @@ def test_places_nearest_in_the_metric_of_the_cofactors():
     Q = (axes * rng.uniform(0.1, 10.0, (1, 30, 1, 2))) @ axes.swapaxes(-1, -2)
     D = 2.0 * rng.standard_normal((1, 30, 2))
     x = np.array([[0.2, 0.1, 2.0, 0.5, -0.4]])
-    adjusted = EllipseModel.adjusted(x, Points.of(D, Q))
+    adjusted = EllipseModel.foot_points(x, Points.of(D, Q))
     candidates = ellipse(conic.axes_of(x[0])[0], np.linspace(0, 2 * np.pi, 20_001))
 
     def cost(places):
@@ -149,7 +149,7 @@ def test_through_five_points_or_none():
     five = ellipse(FLAT, np.array([0.0, 1.0, 2.5, 4.0, 5.0])) - FLAT[:2]
     hyperbola = np.array([[1, 1], [2, 0.5], [4, 0.25], [0.5, 2], [-1, -1.0]])
     line = np.array([[0, 0], [1, 1], [2, 2], [3, 3], [5, 1.0]])
-    found = conic.through(np.stack([five, hyperbola, line]))
+    found = conic.minimal_fit(np.stack([five, hyperbola, line]))
     np.testing.assert_allclose(conic.axes_of(found[0])[0][2:], FLAT[2:], rtol=1e-13)
     assert np.isnan(found[1]).any() and np.isnan(found[2]).any()
 

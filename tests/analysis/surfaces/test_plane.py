@@ -8,7 +8,8 @@ import pytest
 
 import analysis
 from analysis.adjustment.algorithms import ALGORITHMS
-from analysis.surfaces.plane import incidence_cosines, tangents
+from analysis.surfaces.plane import tangents
+from analysis.surfaces.plane_eiv import incidence_cosines
 
 FREE = ("mixed_ls_tls", "eiv", "geometric", "robust")  # of any orientation
 TIED = ("ls", "tls", "wtls", "igg3_wtls")  # to z = a x + b y + c

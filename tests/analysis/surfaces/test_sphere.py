@@ -10,8 +10,8 @@ import pytest
 
 import analysis
 from analysis.adjustment.weights import IGG3
-from analysis.result import ConvergenceWarning
-from analysis.surfaces import sphere
+from analysis.result import Adjustment, ConvergenceWarning
+from analysis.surfaces import sphere, sphere_eiv
 from studies.ou_liu_2017 import clouds
 
 METHODS = tuple(analysis.SPHERE_METHODS)
@@ -598,7 +598,14 @@ STACK_OPTIONS = {
     "wtls that partly does not converge": {"max_iterations": 5},
 }
 PER_STACK = (
-    *sphere.SphereFit.PER_STACK,
+    "parameters",
+    "cofactor",
+    "sigma_0",
+    "distances",
+    "weights",
+    "iterations",
+    "converged",
+    "stop_reason",
     "center",
     "radius",
     "covariance",
@@ -779,7 +786,8 @@ def test_sphere_with_negative_squared_radius():
     common ending.
     """
     cloud = sphere.reduce(directions(20)[None], None)
-    fit = cloud.finished("tls", np.array([[0.0, 0.0, 0.0, -1.0]]), np.eye(4)[None], np.ones(1))
+    x = np.array([[0.0, 0.0, 0.0, -1.0]])
+    fit = sphere_eiv._fit(cloud, "tls", Adjustment.closed_form(x, np.eye(4)[None], np.ones(1)))
     assert np.isnan(fit.radius[0]) and not fit.converged[0]
     assert fit.stop_reason[0] == "no real sphere: the squared radius δ + |k|² came out negative"
 
