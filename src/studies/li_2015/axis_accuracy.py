@@ -1,7 +1,7 @@
-"""What pulls the printed axis of a tunnel, one cause at a time, and where the robust axis lies.
+"""Accuracy of the printed and the robust axis, and the causes that pull the printed one.
 
-The printed axis takes the middle between the extreme points of bins of 0.1 m, so one point decides.
-Here points of the lining all around are spoilt by one thing at a time, each as in the simulated
+The printed axis takes the middle between the extreme points of bins of 0.1 m, so that single points
+decide. Here points of whole rings are disturbed by one cause at a time, each as in the simulated
 tunnel.
 """
 
@@ -16,20 +16,21 @@ from ..simulation.tunnel import ZONE, Tunnel
 from ..simulation.tunnel.campaign import ELEVATION, INSTRUMENT_HEIGHT, STATIONS
 from .epoch_cloud import EpochCloud
 
-MARGIN = 1.0  # m that are cut off where the ends shall do no harm
+MARGIN = 1.0  # m cut off at both ends where they shall have no influence
 COMPARED = (ZONE[0] + 5.0, ZONE[1] - 5.0)  # m, where axes are compared
 SPACING = 0.5  # m
 NOISE = 0.003  # m, of a point along the radius
-# rad to each side of the left springline, and m in front of the wall
+# of a cable tray: rad to either side of the left springline, m in front of the wall
 TRAY = (np.radians(12.0), 0.13)
 
 
 def axis_error(axis: Axis, tunnel: Tunnel, start: float, end: float) -> dict[str, float]:
-    """Where an axis lies between two chainages of the true one (m): mean and largest offset to the
-    right and up, and direction.
+    """Offsets of an axis from the true one, and its error of direction, between two chainages (m).
 
-    Returns ``mean_u_mm``, ``mean_v_mm``, ``largest_u_mm``, ``largest_v_mm`` about the means, and
-    ``largest_mrad``, of the angle between the tangents.
+    Returns
+    -------
+    ``mean_u_mm``, ``mean_v_mm``, offsets to the right and upwards; ``largest_u_mm``,
+    ``largest_v_mm`` about these means; ``largest_mrad``, the angle between the tangents.
     """
     at = axis.foot(tunnel.alignment.position(np.arange(start, end, SPACING)))
     chainage, u, v = tunnel.alignment.section_coordinates(axis.position(at))
@@ -44,11 +45,12 @@ def axis_error(axis: Axis, tunnel: Tunnel, start: float, end: float) -> dict[str
 
 
 def hazards(tunnel: Tunnel, n: int, seed: int) -> pd.DataFrame:
-    """Printed axis of n points in the 45 m of the paper's sections, and of the whole tunnel, spoilt
-    by one thing at a time.
+    """Errors of the printed axis of n points that are disturbed by one cause at a time.
 
-    Columns: ``cause``, ``length_m``, and those of :func:`axis_error` in the 45 m less 5 m at both
-    ends, the same for all.
+    Returns
+    -------
+    DataFrame, a row per cause: ``cause``, ``length_m`` of the tunnel (the 45 m of the paper's
+    sections, or all), and the columns of :func:`axis_error` in the 45 m less 5 m at both ends.
     """
     generator = np.random.default_rng(seed)
     whole = (0.0, tunnel.alignment.length)
@@ -82,7 +84,7 @@ def hazards(tunnel: Tunnel, n: int, seed: int) -> pd.DataFrame:
 
 
 def _bed(tunnel: Tunnel, chainage, alpha, rho):
-    """Points that would lie under the bed lie on it."""
+    """Put points that would lie under the bed onto it."""
     height = rho * np.cos(alpha)
     return (
         chainage,
@@ -92,7 +94,7 @@ def _bed(tunnel: Tunnel, chainage, alpha, rho):
 
 
 def _cables(tunnel: Tunnel, chainage, alpha, rho):
-    """Points behind a cable or a pipe lie on its inner side."""
+    """Put points behind a cable or a pipe onto its inner side."""
     for tube in tunnel.furniture.tubes:
         behind = np.abs(alpha - tube.alpha) < tube.radius / tube.rho
         rho = np.where(behind, tube.rho - tube.radius, rho)
@@ -100,15 +102,16 @@ def _cables(tunnel: Tunnel, chainage, alpha, rho):
 
 
 def _tray(tunnel: Tunnel, chainage, alpha, rho):
-    """Points behind a closed cable tray lie on it. The tunnel has none: its cables leave wall to be
-    seen between them.
+    """Put points behind a closed cable tray onto it.
+
+    The simulated tunnel has none: between its cables the wall is seen.
     """
     half_width, depth = TRAY
     return chainage, alpha, np.where(np.abs(alpha + 0.5 * np.pi) < half_width, rho - depth, rho)
 
 
 def _crown(tunnel: Tunnel, chainage, alpha, rho):
-    """Points that every station would see above the upper limit of its window are missing."""
+    """Leave out points that every station would see above the upper limit of its window."""
     above = rho * np.cos(alpha) - tunnel.furniture.bed - INSTRUMENT_HEIGHT
     across = rho * np.sin(alpha)
     seen = np.zeros(len(alpha), dtype=bool)
@@ -118,6 +121,7 @@ def _crown(tunnel: Tunnel, chainage, alpha, rho):
 
 
 def _everything(tunnel: Tunnel, chainage, alpha, rho):
+    """Bed, cables and crown together."""
     for hidden in (_bed, _cables, _crown):
         chainage, alpha, rho = hidden(tunnel, chainage, alpha, rho)
     return chainage, alpha, rho
@@ -128,9 +132,14 @@ def axes(
 ) -> tuple[pd.DataFrame, dict[str, Axis]]:
     """Axes of a scan, of the whole tunnel and of the 45 m in which sections are cut.
 
-    cloud, true_cloud : joined by registration, and by true poses
+    Parameters
+    ----------
+    cloud, true_cloud : the scan joined by registration, and by true poses.
 
-    Returns their errors in these 45 m, less 5 m at both ends, and the axes by their names.
+    Returns
+    -------
+    DataFrame of their errors (:func:`axis_error`) in these 45 m less 5 m at both ends, and the axes
+    by their names.
     """
     zone = cloud.points[cloud.between(tunnel, *ZONE)]
     y = zone[:, 1]

@@ -1,6 +1,4 @@
-"""A cable tray over a part of a section's arc: how far it pulls the radii of the ellipse, method by
-method.
-"""
+"""A cable tray over a part of a section's arc, and the errors of the radii by each method."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from analysis.tunnel.outlines import ANGLES
 
 SECTION = np.array([0.0, 0.0, 2.700, 0.011, 0.0])  # u0, v0, (a + b)/2, (a − b)/2 level, m
 POINTS = 5400  # of a section at the density of the scans
-NOISE = 0.003  # m a coordinate
+NOISE = 0.003  # m per coordinate
 AT = np.deg2rad(80.0)  # middle of the tray
 SEEN = np.deg2rad(135.0)  # to both sides of the crown
 
@@ -30,12 +28,21 @@ def tray_study(
     n: int = POINTS,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Errors of the radii ρ(α), |α| ≤ 135°, where a share of the arc that is seen is covered by a
-    tray ``inside`` (m) of the lining.
+    """Errors of the radii ρ(α), |α| ≤ 135°, of a section that a tray covers in part.
 
-    Returns a row a share and method: `share_percent`, `method`, its `label`, `largest_mm` (largest
-    error over the directions, mean of the trials) and `worst_mm` (largest of all trials).
+    Parameters
+    ----------
+    shares : of the visible arc behind the tray.
+    inside : distance of the tray from the lining, m.
+    trials, n : sections, and points of each.
 
+    Returns
+    -------
+    DataFrame, a row per share and method: ``share_percent``, ``method``, ``label``; ``largest_mm``,
+    the largest error over the directions, mean of the trials; ``worst_mm``, the largest of all.
+
+    Example
+    -------
     >>> study = tray_study([0.05], trials=2, n=1000).set_index("method")["largest_mm"]
     >>> bool(study["robust"] < 0.5), bool(study["geometric"] > 10)
     (True, True)
@@ -51,7 +58,7 @@ def tray_study(
         points = radii[..., None] * np.stack([np.sin(angles), np.cos(angles)], axis=-1) + noise
         for method, entry in ELLIPSE_METHODS.items():
             with warnings.catch_warnings():
-                # a fit that is lost has its error
+                # a fit that has not converged counts with its error
                 warnings.simplefilter("ignore", ConvergenceWarning)
                 fit = fit_ellipse(points, method)
             errors = 1e3 * np.abs(fit.polar(ANGLES, np.zeros(2))[0] - truth).max(axis=-1)

@@ -1,22 +1,19 @@
-"""Are the intervals and the tests true? Hundreds of simulated campaigns at a density that makes
-them cheap.
+"""Calibration of intervals and tests in hundreds of simulated campaigns at reduced density.
 
-:func:`coverage` asks whether the 95 % intervals of Δρ(α) hold the truth, :func:`alarms` how often a
-section gives an alarm: by the fixed limit of 6 mm and by the tests of
-:mod:`analysis.tunnel.significance`, which know noise and registration. Where nothing has moved
-every alarm is false; where something has, what gives none is missed.
+:func:`coverage` counts how often the 95 % intervals of Δρ(α) hold the truth, :func:`alarms` how
+often a section gives an alarm: by the fixed limit of 6 mm, and by the tests of
+:mod:`analysis.tunnel.significance`, which include noise and registration. Where nothing has moved
+every alarm is false; where something has moved, a section without an alarm is missed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import joblib
 import numpy as np
 import pandas as pd
 
 from analysis.blocks import pieces
-from analysis.checks import check_positive
 from analysis.result import rms
 from analysis.tunnel.sections import DIRECTIONS, equal_angles, local_radii
 from analysis.tunnel.significance import (
@@ -29,9 +26,10 @@ from analysis.tunnel.significance import (
     significance,
 )
 
+from .. import parallel
 from .simulated_sections import ALL, SimulatedSection, compare_epochs
 
-# neighbourhoods are about as wide, so that more directions say little more
+# neighbourhoods are about as wide: more directions would add little
 EVERY_FIFTH = DIRECTIONS[::5]
 CHUNK = 25  # campaigns sent to a worker at a time
 
@@ -39,15 +37,19 @@ CHUNK = 25  # campaigns sent to a worker at a time
 def coverage(
     cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, seed: int, *, n_points: int
 ) -> pd.DataFrame:
-    """Share of the 95 % intervals of Δρ(α) that hold the truth, and the errors of Δρ, over
-    campaigns with ``n_points`` of each section.
+    """Share of the 95 % intervals of Δρ(α) that hold the truth, and errors of Δρ.
 
-    cases : words -> sections
+    Parameters
+    ----------
+    cases : words -> sections.
+    n_points : of each section in a campaign.
 
-    Returns a row a case and section, and one for all sections together: `case`, `section`,
-    `held_percent` and its standard error `held_se_percent` (the directions of a campaign hang
-    together, so it comes from the spread between campaigns), `rmse_mm` of Δρ, `stated_mm` (RMS of
-    its standard deviations), `rmse_within_mm` of Δρ less its rigid part.
+    Returns
+    -------
+    DataFrame, a row per case and section, and one for all sections together: ``case``,
+    ``section``; ``held_percent`` and its standard error ``held_se_percent``, from the spread
+    between campaigns, because the directions of a campaign are correlated; ``rmse_mm`` of Δρ,
+    ``stated_mm``, RMS of its standard deviations; ``rmse_within_mm`` of Δρ less its rigid part.
     """
     rows = []
     for words, sections in cases.items():
@@ -83,33 +85,27 @@ def coverage(
 def alarms(
     sections: Sequence[SimulatedSection], campaigns: int, seed: int, *, workers: int | None = None
 ) -> pd.DataFrame:
-    """Alarms over campaigns: of the fixed limits, as printed, and of the tests of significance at 5
-    %.
+    """Alarms by the printed fixed limits, and by the tests of significance at 5 %.
 
-    Work is spread over ``workers`` processes, which changes nothing.
+    Parameters
+    ----------
+    workers : processes that share the work, which changes nothing.
 
-    Returns a row a section and one for all: `section`; `beyond_6_mm_percent`,
-    `beyond_12_mm_percent`, single directions by the printed rule; `flagged_percent`, sections with
-    30 % of their directions beyond 6 mm; `significant_percent`, single directions by the level of
-    detection; `changed_percent`, sections by their test, and its binomial standard error
-    `changed_se_percent`.
+    Returns
+    -------
+    DataFrame, a row per section and one for all: ``section``;
+
+    * ``beyond_6_mm_percent``, ``beyond_12_mm_percent`` of the single directions;
+    * ``flagged_percent`` of the campaigns, with over 30 % of the directions beyond 6 mm;
+    * ``significant_percent`` of the single directions, by the level of detection;
+    * ``changed_percent`` of the campaigns by the test of the section, and ``changed_se_percent``,
+      the binomial standard error of a test that keeps its 5 %.
     """
-    drawn = [section.draw(campaigns, seed) for section in sections]
-    tasks = [
-        (section, part, pair)
-        for section, pair in zip(sections, drawn, strict=True)
-        for part in pieces(campaigns, CHUNK)
-    ]
-    workers = min(
-        len(tasks),
-        joblib.cpu_count() if workers is None else int(check_positive(workers, "workers")),
-    )
-    with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
-        parallel = joblib.Parallel(max_nbytes=None)
-        done = parallel(
-            joblib.delayed(_alarms)(section, [epoch[part] for epoch in pair])
-            for section, part, pair in tasks
-        )
+    tasks = []
+    for section in sections:
+        pair = section.draw(campaigns, seed)
+        tasks += [(section, [epoch[k] for epoch in pair]) for k in pieces(campaigns, CHUNK)]
+    done = parallel.run(_alarms, tasks, workers)
     found = np.concatenate(done).reshape(len(sections), campaigns, -1)
     rows = []
     for name, values in [
@@ -132,9 +128,7 @@ def alarms(
 
 
 def _alarms(section: SimulatedSection, epochs) -> np.ndarray:
-    """(B, 5): shares beyond 6 and 12 mm, whether flagged; share of significant directions, whether
-    changed.
-    """
+    """(B, 5): shares beyond 6 and 12 mm, flagged; share of significant directions, changed."""
     rows = []
     for pair in zip(*epochs, strict=True):
         cut = [section.section(points) for points in pair]

@@ -10,8 +10,12 @@ from .register_campaign import station_names
 
 
 def label_shares(campaign: Campaign) -> pd.DataFrame:
-    """Points on each thing, in percent of an epoch: ``label``, ``epoch_1_percent``,
-    ``epoch_2_percent``, ``attachment``.
+    """Shares of the labels among the points of each epoch.
+
+    Returns
+    -------
+    DataFrame, a row per label: ``label``, ``epoch_1_percent``, ``epoch_2_percent``, and
+    ``attachment``, "yes" or empty.
     """
     frame = pd.DataFrame({"label": NAMES})
     for epoch in campaign.epochs:
@@ -23,8 +27,12 @@ def label_shares(campaign: Campaign) -> pd.DataFrame:
 
 
 def station_points(campaign: Campaign) -> pd.DataFrame:
-    """Stations of both epochs: ``station``, ``chainage_m``, ``targets``, ``points``,
-    ``of_the_paper_percent``.
+    """Points and targets of every station.
+
+    Returns
+    -------
+    DataFrame, a row per station: ``station``, ``chainage_m``, ``targets``, ``points``,
+    ``of_the_paper_percent`` (of 4.5 million points).
     """
     rows = [
         {

@@ -16,7 +16,7 @@ ATTACHED = 0.02  # m in front of the lining, from which an attachment counts
 
 @dataclass(frozen=True, eq=False)
 class EpochCloud:
-    """All points of an epoch in engineering coordinates, as the registration has them.
+    """All points of an epoch in registered engineering coordinates.
 
     points : (n, 3) in m
     codes : (n,) places of their labels in ``NAMES`` (truth)
@@ -35,9 +35,7 @@ class EpochCloud:
         return np.isin(self.codes, [CODES[label] for label in labels])
 
     def attachments(self, tunnel: Tunnel, epoch: int) -> np.ndarray:
-        """(n,) bool: points of attachments that stand out by 2 cm or more; their feet on the lining
-        do not.
-        """
+        """(n,) bool: points of attachments at least 2 cm in front of the lining."""
         found = self.of(*ATTACHMENTS)
         found[found] = tunnel.distances(self.points[found], epoch) <= -ATTACHED
         return found
@@ -48,14 +46,12 @@ class EpochCloud:
         return (chainage >= start) & (chainage <= end)
 
     def part(self, which: np.ndarray) -> EpochCloud:
-        """The points where ``which`` (n,) is true."""
+        """Cloud of the points where ``which`` (n,) is true."""
         return EpochCloud(self.points[which], self.codes[which], self.stations[which])
 
 
 def join_scans(epoch: Epoch, stations: dict[str, Station] | None = None) -> EpochCloud:
-    """The scans of an epoch in one system, by its registered ``stations``; None joins them by their
-    true poses.
-    """
+    """Join the scans of an epoch by its registered stations, or by the true poses (None)."""
     scans = epoch.stations
     if stations is None:
         points = [scan.pose.to_engineering(scan.points) for scan in scans]

@@ -17,8 +17,9 @@ AROUND = 0.25  # m to either side of a section, in which points are counted by s
 
 
 def parameter_errors(block: Block, epochs: tuple[Epoch, ...]) -> np.ndarray:
-    """Errors (6K,) of (image, ω) of the stations against their true poses, in the order of the
-    block's covariance; m and rad.
+    """Errors (6K,) of the K stations of a block against their true poses.
+
+    Image (m) and rotation (rad) of each station, in the order of the block's covariance.
     """
     errors = []
     for station, scan in zip(
@@ -36,16 +37,21 @@ def shifts(
     epochs: tuple[Epoch, Epoch],
     tunnel: Tunnel,
 ) -> pd.DataFrame:
-    """Shift of the second epoch against the first that registration makes in each section, stated
-    and true.
+    """Shift of the second epoch against the first by registration, true and stated, per section.
 
-    blocks : words -> stations registered in some way; clouds : points of the lining. A section has
-        the shift of its stations, by how
-    many of its points each has seen (within 0.25 m).
+    A section has the mean shift of its stations, weighted by the points that each has seen within
+    0.25 m of it.
 
-    Columns: ``registration`` (words), ``chainage_m``; ``right_mm``, ``right_sd_mm``, ``up_mm``,
-    ``up_sd_mm``, true shift and stated standard deviation; ``chi_squared`` of both with the stated
-    covariance, 2 expected.
+    Parameters
+    ----------
+    blocks : words -> stations registered in some way.
+    clouds : points of the lining in both epochs.
+
+    Returns
+    -------
+    DataFrame, a row per registration and section: ``registration`` (words), ``chainage_m``;
+    ``right_mm``, ``right_sd_mm``, ``up_mm``, ``up_sd_mm``, true shift and stated standard
+    deviation; ``chi_squared`` of both with the stated covariance, 2 expected.
     """
     seen = [tunnel.alignment.section_coordinates(cloud.points)[0] for cloud in clouds]
     rows = []
@@ -80,11 +86,16 @@ def shifts(
 
 
 def summary(table: pd.DataFrame, flagged=FLAGGED_SECTIONS) -> pd.DataFrame:
-    """Root mean squares of :func:`shifts` over all sections and over those ``flagged``
-    (chainages, m).
+    """Root mean squares of :func:`shifts` over all sections and over the flagged ones.
 
-    Columns: ``registration``, ``sections``; ``right_mm``, ``right_sd_mm``, ``up_mm``, ``up_sd_mm``;
-    mean ``chi_squared``.
+    Parameters
+    ----------
+    flagged : chainages in m.
+
+    Returns
+    -------
+    DataFrame: ``registration``, ``sections``; ``right_mm``, ``right_sd_mm``, ``up_mm``,
+    ``up_sd_mm``; mean ``chi_squared``.
     """
     rows = []
     for words, of in table.groupby("registration", sort=False):
@@ -103,6 +114,6 @@ def summary(table: pd.DataFrame, flagged=FLAGGED_SECTIONS) -> pd.DataFrame:
 
 
 def _shares(cloud: EpochCloud, near: np.ndarray, epoch: Epoch) -> np.ndarray:
-    """Part of the points ``near`` that each station of the epoch has seen."""
+    """Share of the points ``near`` that each station of the epoch has seen."""
     counts = np.bincount(cloud.stations[near], minlength=len(epoch.stations))
     return counts / counts.sum()

@@ -1,8 +1,8 @@
-"""What a filter does to the deformation: mean radii of both epochs in cells, of all lining points
-and of those that it keeps.
+"""Accuracy of the filter: points it finds and loses, and the deformation it takes off.
 
-A filter by distance from one cylinder that stays where it is takes off the wall that has moved; the
-deformation is gone before anyone looks for it.
+A filter by distance from one fixed cylinder takes off the wall that has moved, and the deformation
+with it. So mean radii of both epochs are compared in cells, by all lining points and by those that
+a rule keeps.
 """
 
 from __future__ import annotations
@@ -38,11 +38,14 @@ def apply_rules(
     start: float,
     end: float,
 ) -> tuple[tuple[EpochCloud, EpochCloud], dict[str, tuple[FilteredLining, FilteredLining]]]:
-    """The points of both epochs between two chainages (m), and what each of the ``RULES`` says of
-    them, with the same axis for both epochs.
+    """Filter the points of both epochs between two chainages (m) by each of the ``RULES``.
 
-    A rule without segments looks at the whole tunnel: that is what it means. By the others only the
-    points between are filtered.
+    A rule without segments is applied to the whole tunnel, as it means; the others only to the
+    points between. The axis is the same for both epochs.
+
+    Returns
+    -------
+    The points between, per epoch; and rule -> result per epoch.
     """
     within = [cloud.between(tunnel, start, end) for cloud in clouds]
     parts = tuple(cloud.part(which) for cloud, which in zip(clouds, within, strict=True))
@@ -59,6 +62,7 @@ def apply_rules(
 
 
 def _part(result: FilteredLining, which: np.ndarray) -> FilteredLining:
+    """Result for the points where ``which`` is true."""
     return replace(
         result,
         flags=result.flags[which],
@@ -73,11 +77,13 @@ def effects(
     linings: dict[str, tuple[FilteredLining, FilteredLining]],
     tunnel: Tunnel,
 ) -> pd.DataFrame:
-    """What each rule finds and loses: a row a rule and epoch.
+    """Attachments that each rule finds, and lining that it loses.
 
-    Columns: ``rule``, ``epoch``; ``attachments``, points that stand out by 2 cm or more, and
-    ``found_percent`` of them flagged inside; ``lining`` points and ``lost_percent`` of them;
-    ``kept_of_all_percent`` of all points.
+    Returns
+    -------
+    DataFrame, a row per rule and epoch: ``rule``, ``epoch``; ``attachments``, points that stand out
+    by 2 cm or more, and ``found_percent`` of them flagged inside; ``lining`` points and
+    ``lost_percent`` of them; ``kept_of_all_percent`` of all points.
     """
     rows = []
     for rule, pair in linings.items():
@@ -102,14 +108,18 @@ def cells(
     linings: dict[str, tuple[FilteredLining, FilteredLining]],
     tunnel: Tunnel,
 ) -> pd.DataFrame:
-    """Mean deformation in cells of 20° and 2 m before and after each rule, a row a rule and cell.
+    """Mean deformation in cells of 20° and 2 m before and after each rule.
 
     Cells with fewer than 100 lining points in an epoch are left out.
 
-    Columns: ``rule``, ``chainage_m`` and ``alpha_deg`` of the middle; ``true_mm``, mean
-    deformation; ``before_mm``, by all lining points, and ``after_mm``, by those that are kept, NaN
-    where half of them are lost; ``kept_percent``, the smaller of both epochs; ``change_mm``, after
-    less before.
+    Returns
+    -------
+    DataFrame, a row per rule and cell:
+
+    * ``rule``, ``chainage_m`` and ``alpha_deg`` of the middle;
+    * ``true_mm``, mean deformation; ``before_mm``, by all lining points; ``after_mm``, by those
+      that are kept, NaN where half of them are lost; ``change_mm``, after less before;
+    * ``kept_percent``, the smaller of both epochs.
     """
     width, length = CELL
     parts = []
@@ -177,8 +187,13 @@ def _means(
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
-    """By rule: ``cells``, those ``emptied`` of half of their lining, the least share kept; of the
-    others the change of deformation, mm.
+    """Summary of :func:`cells` per rule.
+
+    Returns
+    -------
+    DataFrame, a row per rule: ``cells``, those ``emptied`` of half of their lining,
+    ``least_kept_percent``; of the other cells ``rms_change_mm``, ``largest_change_mm`` of the
+    deformation, and ``true_at_largest_mm``.
     """
     rows = []
     for rule, of in table.groupby("rule", sort=False):

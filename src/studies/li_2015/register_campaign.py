@@ -1,6 +1,6 @@
 """Registration of the stations of the simulated campaign, one by one and all together.
 
-Stations are called "epoch.place", so "1.3" is the third station of the first epoch.
+A station is named "epoch.place": "1.3" is the third station of the first epoch.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..simulation.tunnel.campaign import LEVELLING_SD, NET_SD, TARGET_SD
 
 
 def station_names(epoch: Epoch) -> list[str]:
-    """Names of its stations, in their order."""
+    """Names of the stations of an epoch, in their order."""
     return [f"{epoch.number}.{place}" for place in range(1, len(epoch.stations) + 1)]
 
 
@@ -31,7 +31,7 @@ def observed_targets(epoch: Epoch) -> pd.DataFrame:
 
 
 def control_net(*epochs: Epoch) -> pd.DataFrame:
-    """Control points that the epochs use, as the total station has them: target, x, y, z in m."""
+    """Control points of the epochs as measured: target, x, y, z in m, sorted by name."""
     points = {
         target: point
         for epoch in epochs
@@ -42,8 +42,10 @@ def control_net(*epochs: Epoch) -> pd.DataFrame:
 
 
 def register(epoch: Epoch) -> dict[str, Station]:
-    """Every station of an epoch registered to the control net.
+    """Register every station of an epoch to the control net.
 
+    Example
+    -------
     >>> from studies.simulation.tunnel import default_tunnel, survey
     >>> list(register(survey(default_tunnel())[1]))
     ['2.1', '2.2', '2.3', '2.4']
@@ -52,19 +54,23 @@ def register(epoch: Epoch) -> dict[str, Station]:
 
 
 def register_observed(observed: pd.DataFrame, net: pd.DataFrame) -> dict[str, Station]:
-    """:func:`.register_stations` with the standard deviations of the simulation and the scale held
-    at 1.
-    """
+    """Register stations with the standard deviations of the simulation and the scale fixed at 1."""
     return register_stations(observed, net, scanner_sd=TARGET_SD, control_sd=NET_SD)
 
 
 def adjust(
     epochs: tuple[Epoch, ...], stations: tuple[dict[str, Station], ...], axis: Axis
 ) -> Block:
-    """:func:`.adjust_block` of all epochs, registered singly as ``stations``, with the standard
-    deviations of the simulation.
+    """Adjust all stations of all epochs together, with the standard deviations of the simulation.
 
-    Tied are neighbours within an epoch. The instruments are levelled to 20″.
+    Parameters
+    ----------
+    epochs : the scans.
+    stations : per epoch, the stations registered singly.
+    axis : of the tunnel, from which the mean radii of the ties are counted.
+
+    Neighbours within an epoch are tied by the wall that both see; the instruments are levelled
+    to 20″ (:func:`.adjust_block`).
     """
     together = {name: station for found in stations for name, station in found.items()}
     scans = [

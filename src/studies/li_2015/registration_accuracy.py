@@ -26,14 +26,22 @@ JOINT_MM = 2.0  # registration error between stations, as Li et al. (2015) print
 
 
 def solutions(stations: dict[str, Station], reach: float = 10.0, wall: float = 2.7) -> pd.DataFrame:
-    """The printed model, the closed form and the weighted adjustment of every station.
+    """Compare the printed model, the closed form and the weighted adjustment of every station.
 
-    Columns: ``printed_less_svd``, the largest difference between the model with thirteen parameters
-    and the singular value decomposition in R, μ and (in m) the image of the targets' centroid;
-    ``adjusted_less_svd``, the same between the weighted adjustment and the decomposition with μ =
-    1; ``scale_printed_ppm`` and ``scale_adjusted_ppm``, what they find for μ − 1;
-    ``scale_moves_mm``, the largest shift at ``wall`` m from the axis, ``reach`` m from the station,
-    by the printed model's free scale.
+    Parameters
+    ----------
+    stations : the registered stations.
+    reach, wall : m along and from the axis, of the points that the free scale moves.
+
+    Returns
+    -------
+    DataFrame, a row per station:
+
+    * ``printed_less_svd``, largest difference between the model with thirteen parameters and the
+      singular value decomposition in R, μ and (in m) the image of the targets' centroid;
+    * ``adjusted_less_svd``, between the weighted adjustment and the decomposition with μ = 1;
+    * ``scale_printed_ppm``, ``scale_adjusted_ppm``, estimates of μ − 1;
+    * ``scale_moves_mm``, the largest shift of the wall by the printed model's free scale.
     """
     rows = []
     for name, station in stations.items():
@@ -68,20 +76,28 @@ def _largest(*differences) -> float:
 
 
 def _ring(wall: float, along: float) -> np.ndarray:
-    """Points (n, 3) on the wall around an instrument's Y axis, ``along`` m from it."""
+    """Points (n, 3) on a wall of radius ``wall`` around the Y axis, at the ordinate ``along``, m."""
     return np.stack([wall * np.sin(RING), np.full(len(RING), along), wall * np.cos(RING)], axis=-1)
 
 
 def true_errors(
     stations: dict[str, Station], epoch: Epoch, tunnel: Tunnel, reach: float = 10.0
 ) -> pd.DataFrame:
-    """Errors of the registrations against the true poses, beside what they state.
+    """Errors of the registrations against the true poses, beside the stated ones.
 
-    Columns: ``position_mm`` and ``position_sd_mm`` at the targets' centroid; ``rotation_arcsec``
-    and ``rotation_sd_arcsec``, of the whole rotation; ``wall_mm`` and ``wall_sd_mm``, root mean
-    square of the radial error over the sections ``reach`` m before and behind the station;
-    ``chi_squared`` of the six errors with the stated covariance, 6 expected, and its
-    ``probability``.
+    Parameters
+    ----------
+    stations : the registered stations of the epoch.
+    reach : m, from a station to the sections before and behind it on whose wall errors count.
+
+    Returns
+    -------
+    DataFrame, a row per station:
+
+    * ``position_mm``, ``position_sd_mm`` at the targets' centroid;
+    * ``rotation_arcsec``, ``rotation_sd_arcsec``, of the whole rotation;
+    * ``wall_mm``, ``wall_sd_mm``, root mean square of the radial error over the sections;
+    * ``chi_squared`` of the six errors with the stated covariance (6 expected), ``probability``.
     """
     rows = []
     for name, station in zip(station_names(epoch), epoch.stations, strict=True):
@@ -113,9 +129,7 @@ def true_errors(
 
 
 def _sections(tunnel: Tunnel, chainage: float, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the lining and normals (n, 3) of the sections ``reach`` m before and behind a
-    chainage.
-    """
+    """Points and normals (n, 3) of the lining ``reach`` m before and behind a chainage."""
     s, alpha = (
         grid.ravel()
         for grid in np.meshgrid(chainage + np.array([-reach, reach]), RING, indexing="ij")
@@ -125,13 +139,22 @@ def _sections(tunnel: Tunnel, chainage: float, reach: float) -> tuple[np.ndarray
 
 
 def repetition(setup: Setup, trials: int, seed: int, *, robust: bool = True) -> pd.DataFrame:
-    """Stated standard deviations of one station against those over ``trials`` new sets of errors of
-    its targets and of the net.
+    """Stated standard deviations of one station beside those observed in repeated measurements.
 
-    Columns: ``quantity``, position of the targets' centroid (mm) and rotations (″) about the axes;
-    ``stated``, root mean square over the trials; ``observed``; ``ratio_percent``, observed over
-    stated less 100, known to 100/√(2n) percent from n trials; ``converged_percent`` of the trials,
-    which all count.
+    Parameters
+    ----------
+    setup : the station with its targets.
+    trials, seed : new sets of errors of the targets and of the net.
+    robust : as of :func:`analysis.fit_similarity`.
+
+    Returns
+    -------
+    DataFrame, a row per quantity: position of the targets' centroid (mm), rotations about the
+    axes (″).
+
+    * ``stated``, root mean square over the trials; ``observed``;
+    * ``ratio_percent``, observed over stated less 100, known to 100/√(2 trials) percent;
+    * ``converged_percent`` of the trials. All trials count.
     """
     generator = np.random.default_rng(seed)
     true = setup.targets.true
@@ -168,13 +191,18 @@ def repetition(setup: Setup, trials: int, seed: int, *, robust: bool = True) -> 
 
 
 def joints(epoch: Epoch, stations: dict[str, Station], tunnel: Tunnel) -> pd.DataFrame:
-    """How far apart neighbouring stations put the same wall, at the section half way between them;
-    no noise but the registrations'.
+    """Distances at which neighbouring stations put the same wall, half way between them.
 
-    Columns: ``stations``, ``chainage_m``; ``shift_x_mm``, ``shift_y_mm``, ``shift_z_mm``, mean over
-    the section; ``rms_mm``, a point's distance, and ``stated_mm``, the root mean square that the
-    covariances of both stations give for it; ``within_percent`` of the section's points no farther
-    apart than 2 mm in any coordinate.
+    The points have no noise; the registrations alone differ.
+
+    Returns
+    -------
+    DataFrame, a row per pair of neighbours: ``stations``, ``chainage_m``;
+
+    * ``shift_x_mm``, ``shift_y_mm``, ``shift_z_mm``, mean over the section;
+    * ``rms_mm``, distance of a point, and ``stated_mm``, the root mean square that the covariances
+      of both stations give for it;
+    * ``within_percent`` of the points no farther apart than 2 mm in any coordinate.
     """
     names, rows = station_names(epoch), []
     poses = [station.pose for station in epoch.stations]

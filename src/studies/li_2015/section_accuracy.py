@@ -1,5 +1,4 @@
-"""How well sections tell what has happened to a tunnel: one campaign in the tables of the paper,
-and the maxima of many.
+"""Deformation of simulated sections beside the truth: one campaign in the paper's tables, and many.
 
 The tables have the form of tables 1 and 2 of Li et al. (2015), whose numbers are lost but for the
 three maxima; the truth, which the paper could not have, stands beside every number.
@@ -42,10 +41,15 @@ WITHIN = 0.001  # m, in which a maximum counts as recovered
 
 
 def registrations(cases: Mapping[str, Sequence[SimulatedSection]]) -> pd.DataFrame:
-    """What registration leaves between the epochs: a row a case and section; lengths in mm.
+    """Standard deviations of the shift between the epochs that registration leaves.
 
-    Columns: `case`, `chainage_m`; `right_sd_mm`, `up_sd_mm`, standard deviations of the shift of
-    the second epoch.
+    Parameters
+    ----------
+    cases : words -> sections.
+
+    Returns
+    -------
+    DataFrame, a row per case and section: ``case``, ``chainage_m``, ``right_sd_mm``, ``up_sd_mm``.
     """
     rows = []
     for words, sections in cases.items():
@@ -63,11 +67,13 @@ def registrations(cases: Mapping[str, Sequence[SimulatedSection]]) -> pd.DataFra
 
 
 def outlines(of: Sequence[SimulatedChange]) -> pd.DataFrame:
-    """Table 1 in form: a row a section of one campaign; the ellipses of both epochs, and the
-    largest change beside the true one.
+    """Ellipses of both epochs of one campaign, and the largest change: the form of table 1.
 
-    Columns: `chainage_m`; `points_1`, `points_2`; `a_1_m`, `b_1_m`, `a_2_m`, `b_2_m`, semi-axes;
-    `largest_mm`, `sd_mm`, `at_deg` of Δρ with its sign; `true_mm`, `true_at_deg`.
+    Returns
+    -------
+    DataFrame, a row per section: ``chainage_m``; ``points_1``, ``points_2``; ``a_1_m``, ``b_1_m``,
+    ``a_2_m``, ``b_2_m``, semi-axes; ``largest_mm``, ``sd_mm``, ``at_deg`` of Δρ with its sign;
+    ``true_mm``, ``true_at_deg``.
     """
     rows = []
     for one in of:
@@ -94,11 +100,13 @@ def outlines(of: Sequence[SimulatedChange]) -> pd.DataFrame:
 
 
 def directions(of: Sequence[SimulatedChange], step: int = 1) -> pd.DataFrame:
-    """Table 2 in form: a row a direction of one campaign, every ``step``-th; a section's Δρ, its
-    standard deviation and the truth, mm.
+    """Change Δρ by direction in one campaign: the form of table 2.
 
-    Columns: `angle_deg`; for every section `<chainage>_mm`, `<chainage>_sd_mm`,
-    `<chainage>_true_mm`.
+    Returns
+    -------
+    DataFrame, a row per direction, every ``step``-th: ``angle_deg``; for every section
+    ``<chainage>_mm``, ``<chainage>_sd_mm``, ``<chainage>_true_mm``, Δρ, its standard deviation and
+    the truth.
     """
     table = {"angle_deg": np.degrees(of[0].change.angles[::step])}
     for one in of:
@@ -110,12 +118,16 @@ def directions(of: Sequence[SimulatedChange], step: int = 1) -> pd.DataFrame:
 
 
 def section_quantities(of: Sequence[SimulatedChange]) -> pd.DataFrame:
-    """Convergence, settlement and ovality of one campaign beside the truth, a row a section and
-    quantity.
+    """Convergence, settlement and ovality of one campaign beside the truth.
 
-    Columns as :func:`~analysis.tunnel.outlines.quantities`, with `chainage_m` for the number of the
-    section, and `true`. True ovality is that of the ellipse through the true outline: segments that
-    stand before others change it by up to a few millimetres.
+    True ovality is that of the ellipse through the true outline: segments that stand before others
+    change it by up to a few millimetres.
+
+    Returns
+    -------
+    DataFrame, a row per section and quantity: columns of
+    :func:`~analysis.tunnel.outlines.quantities` with ``chainage_m`` for the number of the section,
+    and ``true``.
     """
     frames = []
     for one in of:
@@ -129,7 +141,7 @@ def section_quantities(of: Sequence[SimulatedChange]) -> pd.DataFrame:
 
 
 def _true_ellipse(one: SimulatedChange, epoch: int) -> EllipseFit:
-    """Best ellipse through the true outline in the directions compared."""
+    """Best ellipse through the true outline in the compared directions."""
     angles = one.change.angles
     radii = one.section.tunnel.true_radius(angles, one.section.chainage, epoch)
     return fit_ellipse(
@@ -138,12 +150,16 @@ def _true_ellipse(one: SimulatedChange, epoch: int) -> EllipseFit:
 
 
 def single_points(section: SimulatedSection, points: tuple[np.ndarray, np.ndarray]) -> pd.DataFrame:
-    """Differences as printed, of the single points nearest to each direction in three sub-planes,
-    in one campaign.
+    """Differences of single points as printed: nearest to each direction in three sub-planes.
 
-    points : of both epochs (n, 3), as drawn. Columns: `chainage_m`, `plane` (−1, 0, 1),
-        `angle_deg`, `difference_mm` (NaN in a gap),
-    `class`, `radius_m` of the first epoch.
+    Parameters
+    ----------
+    points : (n, 3) of both epochs, as drawn in one campaign.
+
+    Returns
+    -------
+    DataFrame, a row per sub-plane and direction: ``chainage_m``, ``plane`` (−1, 0, 1),
+    ``angle_deg``, ``difference_mm`` (NaN in a gap), ``class``, ``radius_m`` of the first epoch.
     """
     first, second = (equal_angles(section.section(epoch)) for epoch in points)
     delta = differences(first, second)
@@ -162,8 +178,10 @@ def single_points(section: SimulatedSection, points: tuple[np.ndarray, np.ndarra
 def class_shares(differences_of: pd.DataFrame) -> pd.DataFrame:
     """Shares of the classes in :func:`single_points` of several sections.
 
-    Returns a row a section: `chainage_m`, `seen_percent`, and of what is seen `blue_percent` and
-    `red_percent`.
+    Returns
+    -------
+    DataFrame, a row per section: ``chainage_m``, ``seen_percent``, and of the seen directions
+    ``blue_percent`` and ``red_percent``.
     """
     rows = []
     for chainage, section in differences_of.groupby("chainage_m", sort=False):
@@ -184,31 +202,35 @@ def class_shares(differences_of: pd.DataFrame) -> pd.DataFrame:
 def recovery(
     cases: Mapping[str, Sequence[SimulatedSection]], campaigns: int, seed: int
 ) -> pd.DataFrame:
-    """The largest change of sections, and Δρ in all directions, over campaigns at the density of
-    the scans.
+    """Errors of the largest change, and of Δρ in all directions, over many campaigns.
 
-    cases : words -> sections
+    Parameters
+    ----------
+    cases : words -> sections, with all points of the scans.
 
-    Returns a row a case and section, and one for all sections together: `case`, `section`,
-    `true_mm` (size of the largest true change), `largest_mm` (mean over the campaigns of the size
-    of the largest Δρ), `largest_rms_mm` and `largest_worst_mm` (errors of it), `within_percent`
-    (campaigns with an error up to 1 mm) and its binomial standard error `within_se_percent`,
-    `rmse_mm` of Δρ over directions and campaigns; and of Δρ less its rigid part `rmse_within_mm`,
-    and `within_worst_mm`, the worst error of the direction with the largest true change.
+    Returns
+    -------
+    DataFrame, a row per case and section, and one for all sections together:
+
+    * ``case``, ``section``; ``true_mm``, size of the largest true change;
+    * ``largest_mm``, size of the largest Δρ, mean over the campaigns; ``largest_rms_mm``,
+      ``largest_worst_mm``, its errors; ``within_percent`` of the campaigns with an error up to
+      1 mm, and its binomial standard error ``within_se_percent``;
+    * ``rmse_mm`` of Δρ over directions and campaigns;
+    * of Δρ less its rigid part ``rmse_within_mm``, and ``within_worst_mm``, the worst error in the
+      direction with the largest true change.
     """
     rows = []
     for words, sections in cases.items():
         found = [compare_epochs(section, campaigns, seed) for section in sections]
         names = [f"{section.chainage:g} m" for section in sections]
-        rows += [_recovered(words, name, [one]) for name, one in zip(names, found, strict=True)]
-        rows.append(_recovered(words, ALL, found))
+        rows += [_recovery_row(words, name, [one]) for name, one in zip(names, found, strict=True)]
+        rows.append(_recovery_row(words, ALL, found))
     return pd.DataFrame(rows)
 
 
-def _recovered(words: str, name: str, of: Sequence[SimulatedChange]) -> dict:
-    """A row of :func:`recovery`; of several sections together the largest change itself says
-    nothing.
-    """
+def _recovery_row(words: str, name: str, of: Sequence[SimulatedChange]) -> dict:
+    """Row of :func:`recovery`; of several sections together the largest change has no meaning."""
     true = np.array([np.abs(one.truth).max() for one in of])
     largest = np.array([np.abs(one.change.difference).max(axis=-1) for one in of])
     error = largest - true[:, None]
@@ -233,12 +255,13 @@ def _recovered(words: str, name: str, of: Sequence[SimulatedChange]) -> dict:
 
 
 def parts(of: Sequence[SimulatedChange]) -> pd.DataFrame:
-    """Rigid part and shape part of Δρ in one campaign, beside the truth, a row a section; lengths
-    in mm.
+    """Rigid part and shape part of Δρ in one campaign, beside the truth.
 
-    Columns: `chainage_m`; `mean_mm`, `right_mm`, `up_mm`, mean change of the radius and motion of
-    the ring, with `right_sd_mm`, `up_sd_mm`; `shape_mm`, the largest change of shape; and each
-    again with `true_` in front.
+    Returns
+    -------
+    DataFrame, a row per section: ``chainage_m``; ``mean_mm``, ``right_mm``, ``up_mm``, mean change
+    of the radius and motion of the ring; ``shape_mm``, the largest change of shape; each again with
+    ``true_`` in front; ``right_sd_mm``, ``up_sd_mm``.
     """
     rows = []
     for one in of:
@@ -260,10 +283,12 @@ def parts(of: Sequence[SimulatedChange]) -> pd.DataFrame:
 
 
 def shares(one: SimulatedChange) -> pd.DataFrame:
-    """Δρ of one campaign and what :func:`parts` divides it into, a row a direction.
+    """Δρ of one campaign divided into its rigid part and its shape part, by direction.
 
-    Columns: `chainage_m`, `angle_deg`; `difference_mm`, `rigid_mm`, `shape_mm` (with the mean); and
-    each again with `true_` in front.
+    Returns
+    -------
+    DataFrame, a row per direction: ``chainage_m``, ``angle_deg``; ``difference_mm``, ``rigid_mm``,
+    ``shape_mm`` (with the mean); each again with ``true_`` in front.
     """
     found, true = split(one.change), true_split(one.change.angles, one.truth)
     columns = {
@@ -283,11 +308,13 @@ def shares(one: SimulatedChange) -> pd.DataFrame:
 
 
 def hidden(one: SimulatedChange) -> pd.DataFrame:
-    """What the ellipses of one campaign show of a change and what they hide, a row a direction;
-    lengths in mm.
+    """Change that the ellipses of one campaign show, and change that their residuals hide.
 
-    Columns: `angle_deg`; `ellipse_mm`, `ellipse_sd_mm`, the change of the ellipses; `hidden_mm`,
-    `hidden_sd_mm`, the change of what they leave as residuals; `together_mm`, their sum; `true_mm`.
+    Returns
+    -------
+    DataFrame, a row per direction: ``angle_deg``; ``ellipse_mm``, ``ellipse_sd_mm``, the change of
+    the ellipses; ``hidden_mm``, ``hidden_sd_mm``, the change of their residuals; ``together_mm``,
+    the sum of both; ``true_mm``.
     """
     profiles = []
     for points, fit in zip(one.points, one.ellipses, strict=True):

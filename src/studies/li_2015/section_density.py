@@ -1,6 +1,4 @@
-"""How many points a section has, and what that leaves in its directions: a point, an interpolated
-radius, or a gap.
-"""
+"""Points in a section, and its directions: read from points, interpolated, or gaps."""
 
 from __future__ import annotations
 
@@ -40,14 +38,21 @@ AXIS_PIECE = 0.5  # m to each side of a section that stands alone
 def ring_points(
     distance, density: float = FULL_DENSITY, *, radius: float = 2.7, thickness: float = THICKNESS
 ) -> np.ndarray:
-    """Points (…) that a scanner on the axis puts on a whole ring ``thickness`` wide at axial
-    ``distance`` (…), m.
+    """Number of points (…) that a scanner on the axis puts on a whole ring.
 
         n = N d R² / (2π Δε) ∫ dα / (r³ cos ε),   r² = R² + L²,   sin ε = R cos α / r
 
-    for the α with ε within the window of the scanner; N beams are evenly spread in azimuth and in
-    elevation over Δε.
+    for the α with ε within the window of the scanner. N beams are evenly spread in azimuth and in
+    elevation over Δε; the ring has radius R, thickness d and the axial distance L.
 
+    Parameters
+    ----------
+    distance : L (…), m.
+    density : N, beams per station.
+    radius, thickness : R and d, m.
+
+    Example
+    -------
     >>> np.round(ring_points([5.0, 8.0, 20.0]), -1)
     array([5450., 1600.,  110.])
     """
@@ -74,13 +79,24 @@ def section_counts(
     chainages,
     density: float,
 ) -> pd.DataFrame:
-    """Sections of the lining in both epochs, scanned from ``setups`` (two tuples): a row a section
-    and epoch.
+    """Points and directions of the sections of the lining in both epochs.
 
-    Columns: ``chainage_m`` (of the design), ``epoch``, ``station_m``, distance to the nearest
-    station; ``points`` in the 50 mm of the section; ``at_full_density``, that many times 4.5
-    million over ``density``; shares of the directions with a reading by local quadratics,
-    ``found_percent``, ``interpolated_percent``, ``gaps_percent``.
+    Parameters
+    ----------
+    linings : points of the lining, per epoch.
+    setups : stations, per epoch.
+    axis : about which the sections are cut.
+    chainages : of the sections, m of the design.
+    density : beams per station of the scans.
+
+    Returns
+    -------
+    DataFrame, a row per section and epoch:
+
+    * ``chainage_m``, ``epoch``, ``station_m``, distance to the nearest station;
+    * ``points`` in the 50 mm of the section; ``at_full_density``, times 4.5 million / density;
+    * ``found_percent``, ``interpolated_percent``, ``gaps_percent`` of the directions by local
+      quadratics.
     """
     at = axis.chainage(axis.foot(tunnel.alignment.position(np.asarray(chainages, dtype=float))))
     rows = []
@@ -115,19 +131,17 @@ def shares(radii: Radii) -> dict[str, float]:
 def full_section(
     tunnel: Tunnel, setups: tuple[Setup, ...], chainage: float, density: float = FULL_DENSITY
 ) -> SectionScan:
-    """The lining around one section, at the paper's 4.5 million beams a station unless told
-    otherwise, without noise.
+    """Points of the lining around one section without noise, by default at the paper's density.
 
-    Twice as thick as the section, because noise along the axis leads points into it and out of it.
+    The slab is twice as thick as the section: noise along the axis leads points into the section
+    and out of it.
     """
     scan = section_scan(tunnel, setups, chainage, density, thickness=2.0 * THICKNESS)
-    lining = scan.codes == CODES["lining"]
-    arrays = (scan.points, scan.roots, scan.codes, scan.stations)
-    return SectionScan(chainage, scan.epoch, *(array[lining] for array in arrays))
+    return scan[scan.codes == CODES["lining"]]
 
 
 def noisy_section(scan: SectionScan, tunnel: Tunnel, seed: int) -> Section:
-    """The section with the scanner's noise and without errors of registration, about the true axis."""
+    """Section about the true axis, with the scanner's noise and without registration errors."""
     points = section_points(scan, 1, seed)[0]
     ends = tunnel.alignment.position(scan.chainage) + AXIS_PIECE * np.array(
         [[-1.0], [1.0]]
@@ -138,11 +152,18 @@ def noisy_section(scan: SectionScan, tunnel: Tunnel, seed: int) -> Section:
 
 
 def readings(scans: dict[str, SectionScan], tunnel: Tunnel, parts, seed: int) -> pd.DataFrame:
-    """Both readings of sections thinned out at random to ``parts`` (fractions) of their points.
+    """Both readings of sections thinned out at random.
 
-    Columns: ``section``, ``part``, ``points``, ``reading``; percent of the directions ``found``,
-    ``interpolated``, ``gaps``; ``rms_found_mm`` and ``rms_interpolated_mm``, root mean square
-    errors of the radii against the truth.
+    Parameters
+    ----------
+    scans : name -> slab, from :func:`full_section`.
+    parts : fractions of the points that are left.
+
+    Returns
+    -------
+    DataFrame, a row per section, part and reading: ``section``, ``part``, ``points``, ``reading``;
+    ``found_percent``, ``interpolated_percent``, ``gaps_percent`` of the directions;
+    ``rms_found_mm``, ``rms_interpolated_mm``, root mean square errors of the radii.
     """
     rows = []
     for name, scan in scans.items():
@@ -171,7 +192,7 @@ def readings(scans: dict[str, SectionScan], tunnel: Tunnel, parts, seed: int) ->
 
 
 def radius_errors(section: Section, radii: Radii, tunnel: Tunnel, epoch: int) -> np.ndarray:
-    """ρ − ρ_true in m of readings, in their shape; NaN at gaps."""
+    """Errors ρ − ρ_true of radii in m, in their shape; NaN at gaps."""
     seen = ~radii.gaps
     alpha, rho = (
         np.broadcast_to(radii.directions, seen.shape)[seen][:, None],

@@ -1,5 +1,4 @@
-"""Single sections of the simulated campaign in both epochs: drawn again and again, in the section's
-own plane, beside the truth.
+"""Single sections of the simulated campaign in both epochs, drawn many times, beside the truth.
 
 A section is what the stations of the campaign see in its slab
 (:mod:`studies.simulation.tunnel.slab`). Its frame is that of the design axis: u to the right, v up,
@@ -16,19 +15,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import joblib
 import numpy as np
 
-from analysis.checks import check_positive
 from analysis.methods import fit_ellipse
 from analysis.surfaces.ellipse import EllipseFit
 from analysis.tunnel.block_adjustment import Block
 from analysis.tunnel.outlines import ANGLES, Deformation, Split, deformation, split
 from analysis.tunnel.sections import Section
 
+from .. import parallel
 from ..simulation.tunnel import (
     CODES,
-    EPOCHS,
     FULL_DENSITY,
     SectionScan,
     Tunnel,
@@ -47,11 +44,12 @@ BOTH = 0  # in place of the number of an epoch, for the draws that both have in 
 class SimulatedSection:
     """One section as the stations of both epochs see it, without noise.
 
-    tunnel : with the truth; chainage : m; scans : of the first and the second epoch
-    stations : how many each epoch has
-    shifts : (2K, 2K) covariance in m² of what registration errors do to the points of all K
-        stations, (right, up) of the first station of the first epoch first; zeros where there are
-        none
+    tunnel : with the truth
+    chainage : m
+    scans : of the first and the second epoch
+    stations : their number in each epoch
+    shifts : (2K, 2K) covariance in m² of the shifts (right, up) of all K stations by registration,
+        those of the first epoch first; zeros without registration errors
     """
 
     tunnel: Tunnel
@@ -65,28 +63,27 @@ class SimulatedSection:
         return self.tunnel.deformation(np.asarray(angles), self.chainage)
 
     def lining(self) -> SimulatedSection:
-        """The section with nothing but the points of the lining, as a filter that makes no mistakes
-        would leave it.
-        """
-        return replace(
-            self, scans=tuple(_chosen(scan, scan.codes == CODES["lining"]) for scan in self.scans)
-        )
+        """The section with the points of the lining alone, as a perfect filter would leave it."""
+        kept = tuple(scan[scan.codes == CODES["lining"]] for scan in self.scans)
+        return replace(self, scans=kept)
 
     def with_registration(self, block: Block) -> SimulatedSection:
-        """The section with the errors that the registration of all stations, those of the first
-        epoch first, states.
+        """The section with the registration errors that a block of all stations states.
 
-        Raises ``ValueError`` for another number of stations.
+        Parameters
+        ----------
+        block : the stations of both epochs, those of the first epoch first.
+
+        Raises
+        ------
+        ValueError : another number of stations.
         """
         if len(block.stations) != sum(self.stations):
-            raise ValueError(
-                f"block: expected {sum(self.stations)} stations, those of both epochs, got {len(block.stations)}"
-            )
+            both = f"{sum(self.stations)} stations, those of both epochs"
+            raise ValueError(f"block: expected {both}, got {len(block.stations)}")
         axis = self.tunnel.alignment
-        return replace(
-            self,
-            shifts=block.shifts(axis.position(self.chainage), axis.frame(self.chainage)[[0, 2]]),
-        )
+        directions = axis.frame(self.chainage)[[0, 2]]
+        return replace(self, shifts=block.shifts(axis.position(self.chainage), directions))
 
     @property
     def registration(self) -> np.ndarray:
@@ -105,14 +102,20 @@ class SimulatedSection:
     def draw(
         self, campaigns: int, seed: int, *, n_points: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Points (B, n, 3) in m of each epoch in B campaigns: right, up and along, from the axis
-        point.
+        """Draw the points of both epochs in B campaigns.
 
-        With ``n_points`` each campaign sees so many of the section's points, which ones changes
-        from campaign to campaign. The draws differ between sections and epochs, and those of
-        campaign i do not hang on B.
+        The draws differ between sections and epochs; those of campaign i do not depend on B.
+
+        Parameters
+        ----------
+        campaigns : B.
+        n_points : points of the section in each campaign, others in every campaign; default all.
+
+        Returns
+        -------
+        (B, n, 3) of each epoch: right, up and along from the axis point, m.
         """
-        shifts = np.split(self._shifted(campaigns, seed), [self.stations[0]], axis=1)
+        shifts = np.split(self._shifts(campaigns, seed), [self.stations[0]], axis=1)
         return tuple(
             self._draw(scan, campaigns, seed, of_epoch, n_points)
             for scan, of_epoch in zip(self.scans, shifts, strict=True)
@@ -121,24 +124,23 @@ class SimulatedSection:
     def _children(self, campaigns: int, seed: int, part: int) -> list[np.random.SeedSequence]:
         return np.random.SeedSequence((seed, round(1000 * self.chainage), part)).spawn(campaigns)
 
-    def _shifted(self, campaigns: int, seed: int) -> np.ndarray:
+    def _shifts(self, campaigns: int, seed: int) -> np.ndarray:
         """Shifts (right, up) of all stations in every campaign, (B, K, 2) in m."""
         values, vectors = np.linalg.eigh(self.shifts)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         children = self._children(campaigns, seed, BOTH)
-        drawn = np.array(
-            [np.random.default_rng(child).standard_normal(len(root)) for child in children]
-        )
+        generators = map(np.random.default_rng, children)
+        drawn = np.array([generator.standard_normal(len(root)) for generator in generators])
         return (drawn @ root.T).reshape(campaigns, -1, 2)
 
     def _draw(
         self, scan: SectionScan, campaigns: int, seed: int, shifts: np.ndarray, n_points: int | None
     ) -> np.ndarray:
+        """Points (B, n, 3) of one epoch, whose stations have the shifts (B, K, 2)."""
         axis, clouds = self.tunnel.alignment, []
         origin, turn = axis.position(self.chainage), axis.frame(self.chainage)[[0, 2, 1]].T
-        for child, of_stations in zip(
-            self._children(campaigns, seed, scan.epoch), shifts, strict=True
-        ):
+        children = self._children(campaigns, seed, scan.epoch)
+        for child, of_stations in zip(children, shifts, strict=True):
             which, noise = child.generate_state(2).tolist()
             seen = scan if n_points is None else scan.sample(n_points, which)
             cloud = (section_points(seen, 1, noise)[0] - origin) @ turn
@@ -147,22 +149,13 @@ class SimulatedSection:
         return np.stack(clouds)
 
     def section(self, points: np.ndarray) -> Section:
-        """Points (n, 3) of one campaign and epoch, as drawn, in the form that sections cut from a
-        scan have.
-        """
+        """Drawn points (n, 3) of one epoch in the form of a section cut from a scan."""
         axis = self.tunnel.alignment
         right, along, up = axis.frame(self.chainage)
         frame = axis.position(self.chainage), right, up, along
         return Section(
             self.chainage, self.chainage, *frame, THICKNESS, np.arange(len(points)), *points.T
         )
-
-
-def _chosen(scan: SectionScan, keep: np.ndarray) -> SectionScan:
-    return replace(
-        scan,
-        **{name: getattr(scan, name)[keep] for name in ("points", "roots", "codes", "stations")},
-    )
 
 
 def simulated_sections(
@@ -172,28 +165,25 @@ def simulated_sections(
     *,
     workers: int | None = None,
 ) -> tuple[SimulatedSection, ...]:
-    """The sections at these chainages (m), cast with ``density`` beams a station, without
-    registration errors.
+    """Cast the sections at these chainages (m), without registration errors.
 
-    Work is spread over ``workers`` processes, which changes nothing.
+    Parameters
+    ----------
+    density : beams per station.
+    workers : processes that share the work, which changes nothing.
 
+    Example
+    -------
     >>> from studies.simulation.tunnel import default_tunnel
     >>> section, = simulated_sections(default_tunnel(), [65.0], 50_000, workers=1)
-    >>> print((1e3 * section.truth([0.0])).round(3), len(section.lining().scans[0]) < len(section.scans[0]))
-    [-24.3] True
+    >>> print((1e3 * section.truth([0.0])).round(3))
+    [-24.3]
+    >>> len(section.lining().scans[0]) < len(section.scans[0])
+    True
     """
     epochs = survey(tunnel)
-    tasks = [(chainage, epochs[number - 1].stations) for chainage in chainages for number in EPOCHS]
-    workers = min(
-        len(tasks),
-        joblib.cpu_count() if workers is None else int(check_positive(workers, "workers")),
-    )
-    with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
-        parallel = joblib.Parallel(max_nbytes=None)
-        scans = parallel(
-            joblib.delayed(section_scan)(tunnel, setups, chainage, density)
-            for chainage, setups in tasks
-        )
+    tasks = [(tunnel, epoch.stations, at, density) for at in chainages for epoch in epochs]
+    scans = parallel.run(section_scan, tasks, workers)
     pairs = zip(scans[::2], scans[1::2], strict=True)
     stations = tuple(len(epoch.stations) for epoch in epochs)
     nothing = np.zeros((2 * sum(stations), 2 * sum(stations)))
@@ -205,8 +195,13 @@ def simulated_sections(
 
 @dataclass(frozen=True, eq=False)
 class SimulatedChange:
-    """A simulated section in B campaigns: points of each epoch (B, n, 3), ellipses, change Δρ about
-    the axis point, and the true δ (K,).
+    """Change of a simulated section between the epochs in B campaigns, beside the truth.
+
+    section : without noise
+    points : (B, n, 3) of each epoch
+    ellipses : of each epoch
+    change : Δρ (B, K) about the axis point
+    truth : δ (K,), m
     """
 
     section: SimulatedSection
@@ -217,17 +212,14 @@ class SimulatedChange:
 
     @property
     def errors(self) -> np.ndarray:
-        """(B, K) of Δρ in m."""
+        """(B, K) errors of Δρ, m."""
         return self.change.difference - self.truth
 
     @property
     def errors_within(self) -> np.ndarray:
-        """(B, K) of Δρ less its rigid part, in m: what a shift of the section, such as a
-        registration error, cannot touch.
-        """
-        return self.errors - (
-            split(self.change).rigid - true_split(self.change.angles, self.truth).rigid
-        )
+        """(B, K) errors of Δρ less its rigid part, m; a shift of the section is not in them."""
+        true = true_split(self.change.angles, self.truth)
+        return self.errors - (split(self.change).rigid - true.rigid)
 
 
 def compare_epochs(
@@ -239,8 +231,14 @@ def compare_epochs(
     angles: np.ndarray = ANGLES,
     method: str = "robust",
 ) -> SimulatedChange:
-    """Draw a section in B campaigns, fit an ellipse to every epoch of each, and compare the epochs
-    in directions ``angles`` (K,).
+    """Draw a section in B campaigns, fit ellipses to both epochs, and compare these by direction.
+
+    Parameters
+    ----------
+    campaigns : B.
+    n_points : points of the section in each campaign; default all.
+    angles : directions (K,), rad.
+    method : of :func:`analysis.fit_ellipse`.
     """
     points = section.draw(campaigns, seed, n_points=n_points)
     ellipses = tuple(fit_ellipse(epoch[..., :2], method) for epoch in points)
@@ -249,6 +247,6 @@ def compare_epochs(
 
 
 def true_split(angles: np.ndarray, truth: np.ndarray) -> Split:
-    """A true δ (K,) divided as an estimated one."""
+    """Divide a true δ (K,) as an estimated one."""
     nothing = np.zeros((len(angles), 1))
     return split(Deformation(angles, POLE, truth, truth, truth, nothing, np.zeros((1, 1))))

@@ -13,12 +13,16 @@ from ..simulation.tunnel.campaign import TOTAL_STATION
 from .register_campaign import station_names
 
 LIMIT_MM = 6.0  # point error of a class III deformation survey, as Li et al. (2015) use it
-SURVEYED_SD = TOTAL_STATION.range_sd  # m a coordinate; 1″ adds 0.1 mm at 20 m
+SURVEYED_SD = TOTAL_STATION.range_sd  # m per coordinate; 1″ adds 0.1 mm at 20 m
 
 
 def differences(epoch: Epoch, stations: dict[str, Station]) -> pd.DataFrame:
-    """Every sticker of an epoch: ``station``, ``chainage_m``, ``alpha_deg``, and scanner less total
-    station, ``dx_mm dy_mm dz_mm``.
+    """Coordinates of the stickers of an epoch, scanner less total station.
+
+    Returns
+    -------
+    DataFrame, a row per sticker: ``station``, ``chainage_m``, ``alpha_deg``, ``dx_mm``, ``dy_mm``,
+    ``dz_mm``.
     """
     found = epoch.stickers
     names = np.array(station_names(epoch))[found.station]
@@ -40,8 +44,11 @@ def differences(epoch: Epoch, stations: dict[str, Station]) -> pd.DataFrame:
 
 
 def accuracy(differences: pd.DataFrame, confidence: float = 0.95) -> pd.DataFrame:
-    """:func:`.check_points` of the stickers, with their number ``n`` and whether m is
-    ``within_limit`` of 6 mm.
+    """Accuracy by :func:`.check_points`, with the number of stickers and the limit of 6 mm.
+
+    Returns
+    -------
+    DataFrame of that function with ``n`` and ``within_limit``, "yes" or "no" for m ≤ 6 mm.
     """
     found = 1e-3 * differences[["dx_mm", "dy_mm", "dz_mm"]].to_numpy()
     table = check_points(
@@ -51,13 +58,15 @@ def accuracy(differences: pd.DataFrame, confidence: float = 0.95) -> pd.DataFram
 
 
 def station_means(differences: pd.DataFrame) -> pd.DataFrame:
-    """Mean difference of each station's stickers, mm, and ``f_ratio``, the scatter of these means
-    over that within stations.
+    """Mean difference of the stickers of each station, and the scatter of these means.
 
         F = Σ n_k |d̄_k − d̄|² / (3 (K − 1))  :  Σ |d − d̄_k|² / (3 (n − K))
 
-    1 is expected if the stickers of a station have no error in common. The ratio is that of all
-    stations, repeated in each row.
+    Returns
+    -------
+    DataFrame, a row per station: ``station``, ``mean_dx_mm``, ``mean_dy_mm``, ``mean_dz_mm``,
+    ``n``, and ``f_ratio``, F of all stations, repeated in each row: 1 is expected if the stickers
+    of a station have no error in common.
     """
     columns = ["dx_mm", "dy_mm", "dz_mm"]
     groups = differences.groupby("station", sort=True)[columns]
@@ -75,11 +84,14 @@ def station_means(differences: pd.DataFrame) -> pd.DataFrame:
 
 
 def limit_for(n: int, confidence: float = 0.95) -> float:
-    """Smallest m in mm that n stickers must show before a true m of 6 mm is rejected; m_P has 3n
-    degrees of freedom.
+    """Value in mm below which m of n stickers rejects a true m of 6 mm.
 
-        m = 6 √(χ²(3n; 1 − confidence) / 3n)     if the coordinates are equally precise
+        m = 6 √(χ²(3n; 1 − confidence) / 3n)
 
+    for equally precise coordinates, with 3n degrees of freedom.
+
+    Example
+    -------
     >>> round(limit_for(10), 2), round(limit_for(60), 2)
     (4.71, 5.48)
     """

@@ -1,4 +1,4 @@
-"""A target taken for another: is the mistake found and named, and how far does it move a station?"""
+"""A target taken for another: whether the mistake is found, and how far it moves the station."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from .registration_accuracy import ABSOLUTE
 
 
 def mistake(observed: pd.DataFrame, station: str, target: str, taken_for: str) -> pd.DataFrame:
-    """The observations with one target of one station under another's name."""
+    """Give one target of one station the name of another.
+
+    Raises
+    ------
+    ValueError : the station has not observed the target.
+    """
     wrong = (observed["station"] == station) & (observed["target"] == target)
     if not wrong.any():
         raise ValueError(f"target: expected one that station {station} has observed, got {target}")
@@ -21,15 +26,17 @@ def mistake(observed: pd.DataFrame, station: str, target: str, taken_for: str) -
 
 
 def every_mistake(*epochs: Epoch) -> pd.DataFrame:
-    """Every target of every station in turn taken for the nearest control point that its station
-    does not use.
+    """Take every target in turn for the nearest control point that its station does not use.
 
-    Columns: ``station``, ``targets``, ``target``, ``taken_for``, ``apart_m``; ``named``, the robust
-    adjustment leaves out this pair and no other; ``moved_mm`` and ``moved_by_least_squares_mm``,
-    what the mistake does to the image of the instrument by the robust and by plain adjustment,
-    compared with that of the right pairs; ``largest_by_least_squares``, whether the wrong pair has
-    the largest misclosure of the plain adjustment, and ``least_by_least_squares_mm``, the smallest
-    misclosure there.
+    Returns
+    -------
+    DataFrame, a row per mistake: ``station``, ``targets``, ``target``, ``taken_for``, ``apart_m``;
+
+    * ``named``: the robust adjustment leaves out this pair and no other;
+    * ``moved_mm``, ``moved_by_least_squares_mm``: shift of the instrument by the mistake in the
+      robust and in the plain adjustment, against the plain adjustment of the right pairs;
+    * ``largest_by_least_squares``: the wrong pair has the largest misclosure of the plain
+      adjustment; ``least_by_least_squares_mm``, the smallest misclosure there.
     """
     net = control_net(*epochs)
     places = net.set_index("target")[["x", "y", "z"]]
@@ -78,11 +85,14 @@ def _plain(pairs: pd.DataFrame, places: pd.DataFrame):
 
 
 def summary(found: pd.DataFrame) -> pd.DataFrame:
-    """By the number of a station's targets: mistakes tried, ``named_percent``, and the shifts of
-    the instrument that they do, mm.
+    """Summary of :func:`every_mistake` by the number of targets of a station.
 
-    Of the plain adjustment ``smallest_misclosure_mm``, of any target in any trial, and
-    ``largest_misclosure_percent``, how often the wrong pair has the largest.
+    Returns
+    -------
+    DataFrame, a row per number of ``targets``: ``mistakes``, ``named_percent``, ``least_apart_m``,
+    and shifts of the instrument in mm; of the plain adjustment ``smallest_misclosure_mm``, of any
+    target in any trial, and ``largest_misclosure_percent``, the share of the mistakes in which the
+    wrong pair has the largest.
     """
     rows = [
         {

@@ -1,8 +1,7 @@
-"""One section of the campaign without the rest of it: the points of its slab, again and again with
-new noise.
+"""The slab of one section, scanned without the rest of the campaign and drawn many times.
 
-For Monte Carlo studies of sections. The beams of the stations that can end in the slab are cast as
-the campaign casts them, and only these; their noise is then drawn for many campaigns at once.
+For Monte Carlo studies of sections. Only the beams of the stations that can end in the slab are
+cast, as the campaign casts them; their noise is then drawn for many campaigns at once.
 """
 
 from __future__ import annotations
@@ -20,18 +19,18 @@ from .campaign import FULL_DENSITY, Setup, cast_beams, station_grid
 from .tunnel import Tunnel
 
 THICKNESS = 0.05  # m, of the slab (Li et al. 2015, section 4.2.2)
-SIGHT = 30.0  # m, beyond which a station's beams meet the lining too obliquely to come back
+SIGHT = 30.0  # m, beyond which the beams of a station meet the lining too obliquely to return
 # m before the lining in which the slab's points are sought: bed and catwalk are cut off there
 DEPTH = 0.35
 NEAR = 1.0  # m from a station to the slab, below which it may be seen all around
-ASIDE = np.deg2rad(3.0)  # beyond the springlines; tilt of instrument and section make less of it
+ASIDE = np.deg2rad(3.0)  # beyond the springlines: more than the tilts of instrument and section
 
 
 @dataclass(frozen=True, eq=False)
 class SectionScan:
     """The points of one slab in one epoch, without noise, and the root of the cofactors of each.
 
-    chainage, epoch : of the section, in m, and its epoch
+    chainage : m; epoch : 1 or 2
     points : (n, 3) true points, engineering coordinates in m
     roots : (n, 3, 3) of the cofactors in the same frame: ``roots @ z`` is an error
     codes : (n,) places of the labels in ``NAMES``
@@ -48,18 +47,22 @@ class SectionScan:
     def __len__(self) -> int:
         return len(self.codes)
 
-    def sample(self, n_points: int, seed: int) -> SectionScan:
-        """``n_points`` of the points, drawn without replacement.
+    def __getitem__(self, keep) -> SectionScan:
+        """Some of the points, by a mask or by places."""
+        arrays = (self.points, self.roots, self.codes, self.stations)
+        return SectionScan(self.chainage, self.epoch, *(array[keep] for array in arrays))
 
-        Raises ``ValueError`` if there are fewer.
+    def sample(self, n_points: int, seed: int) -> SectionScan:
+        """Draw ``n_points`` of the points without replacement.
+
+        Raises
+        ------
+        ValueError : there are fewer points.
         """
         if not 1 <= n_points <= len(self):
-            raise ValueError(
-                f"n_points: expected from 1 to the {len(self)} points of the section, got {n_points}"
-            )
-        chosen = np.sort(np.random.default_rng(seed).permutation(len(self))[:n_points])
-        arrays = (self.points, self.roots, self.codes, self.stations)
-        return SectionScan(self.chainage, self.epoch, *(array[chosen] for array in arrays))
+            most = f"the {len(self)} points of the section"
+            raise ValueError(f"n_points: expected from 1 to {most}, got {n_points}")
+        return self[np.sort(np.random.default_rng(seed).permutation(len(self))[:n_points])]
 
 
 def section_scan(
@@ -71,11 +74,20 @@ def section_scan(
     thickness: float = THICKNESS,
     scanner: Scanner = RIEGL_VZ400,
 ) -> SectionScan:
-    """What the stations of one epoch (``survey(…)[epoch − 1].stations``) see in the slab around a
-    chainage (m).
+    """Scan the slab around a chainage (m) from the stations of one epoch.
 
-    Raises ``ValueError`` for no set-ups, and set-ups of different epochs.
+    Parameters
+    ----------
+    setups : ``survey(…)[epoch − 1].stations``.
+    density : beams per station.
+    thickness : of the slab, m.
 
+    Raises
+    ------
+    ValueError : no set-ups, or set-ups of different epochs.
+
+    Example
+    -------
     >>> from studies.simulation.tunnel import default_tunnel, survey
     >>> tunnel = default_tunnel()
     >>> section_scan(tunnel, survey(tunnel)[0].stations, 65.0, density=100_000).points.shape[1]
@@ -104,19 +116,24 @@ def section_scan(
 
 
 def section_points(section: SectionScan, n_trials: int, seed: int) -> np.ndarray:
-    """Points (B, n, 3) of a section with the scanner's noise in B campaigns, engineering
-    coordinates in m.
+    """Draw the points of a section with the scanner's noise in B campaigns.
 
-    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the
+    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays unchanged when the
     number of trials grows. Two epochs need two seeds.
 
     Parameters
     ----------
-    section : what the stations see.
+    section : points without noise, and the roots of their cofactors.
     n_trials : B.
     seed : of the study.
 
-    Raises ``ValueError`` for a number of trials below 1.
+    Returns
+    -------
+    (B, n, 3) engineering coordinates, m.
+
+    Raises
+    ------
+    ValueError : a number of trials below 1.
     """
     if not isinstance(n_trials, (int, np.integer)) or n_trials < 1:
         raise ValueError(f"n_trials: expected a whole number of at least 1, got {n_trials!r}")
@@ -133,10 +150,10 @@ def section_points(section: SectionScan, n_trials: int, seed: int) -> np.ndarray
 
 
 def _slab(tunnel, setup, place, chainage, density, thickness, scanner):
-    """Arrays of a :class:`SectionScan`, block by block of one station's beams.
+    """Arrays of a :class:`SectionScan` from one station, block by block.
 
-    A block of the station's grid holds few beams that can end in the slab, so these are collected
-    before they are cast.
+    Few beams of a block of the station's grid can end in the slab: they are collected before they
+    are cast.
     """
     towards = np.concatenate(
         [np.empty((0, 3)), *_towards_the_slab(tunnel, setup, chainage, density, thickness)]
@@ -157,8 +174,7 @@ def _slab(tunnel, setup, place, chainage, density, thickness, scanner):
 
 
 def _towards_the_slab(tunnel, setup, chainage, density, thickness):
-    """Beams of a station, block by block, that come within ``DEPTH`` of the lining between both
-    faces of the slab.
+    """Beams of a station that come within ``DEPTH`` of the lining in the slab, block by block.
 
     On the way the axis bends as a parabola, as in :mod:`.casting`.
     """
@@ -184,8 +200,9 @@ def _towards_the_slab(tunnel, setup, chainage, density, thickness):
 
 
 def _columns(tunnel, setup, chainage, thickness, azimuths):
-    """(columns,) bool of the station's grid: those that look at the slab between its springlines;
-    from near it or within, all.
+    """(columns,) bool: columns of the grid that look at the slab between its springlines.
+
+    From within the slab or near it, all.
     """
     start, _, _ = tunnel.alignment.section_coordinates(setup.pose.position)
     if abs(chainage - start) < 0.5 * thickness + NEAR:
