@@ -14,7 +14,6 @@ import inspect
 import json
 import math
 import sys
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -22,7 +21,7 @@ import numpy as np
 
 from .methods import PLANE_METHODS, SPHERE_METHODS, Method, fit_plane, fit_sphere
 from .reading import read_points
-from .result import ConvergenceWarning, Fit
+from .result import Fit, ignore_convergence_warnings
 from .surfaces.plane import PlaneFit
 from .surfaces.sphere import SphereFit
 from .tunnel import command as tunnel
@@ -92,8 +91,7 @@ def _fit(options: argparse.Namespace) -> int:
     surface = SURFACES[options.surface]
     held = {name: getattr(options, name) for name in surface.held}
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)  # the report says it
+        with ignore_convergence_warnings():  # the report says it
             fit = surface.fit(read_points(options.file), options.method, **held)
     except ValueError as error:
         raise ValueError(_after(options.file, str(error))) from error

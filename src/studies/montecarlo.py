@@ -6,7 +6,6 @@ fitted by itself, and how they are shared out among the cores changes no result 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 
 import joblib
@@ -17,7 +16,7 @@ from tqdm import tqdm
 from analysis.blocks import pieces
 from analysis.checks import check_positive, point_array, real_array
 from analysis.methods import SPHERE_METHODS, fit_sphere
-from analysis.result import ConvergenceWarning
+from analysis.result import ignore_convergence_warnings
 from analysis.surfaces.sphere import SphereFit
 
 # Clouds a task: enough to pay for sending them to a worker, few enough that no worker is left alone
@@ -142,8 +141,7 @@ def _fit_chunk(
 ) -> dict[str, pd.DataFrame]:
     """The frames of one chunk of clouds."""
     frames = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
+    with ignore_convergence_warnings():
         for label, options in variants.items():
             frames[label] = _trial_frame(fit_sphere(points, **options), truth)
     return frames

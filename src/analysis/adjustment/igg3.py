@@ -5,9 +5,9 @@ The algorithm takes one Schaffrin-Wieser step, measures the distances from the n
 them into weight factors and multiplies the weights by them, until the parameters stand still. What
 the paper leaves open (the scale of the residuals, the exponent, the first weights) is a keyword.
 
-The paper has it for the sphere. Any surface with a :class:`Printed` problem can be fitted by it: one
-that gives the problem with its printed cofactors, the distances that belong to its misclosures and
-the printed parameters.
+The paper has it for the sphere. Any surface with a :class:`Printed` problem can be fitted by it:
+one that gives the problem with its printed cofactors, the distances that belong to its misclosures
+and the printed parameters.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..result import Adjustment, Array, Fit, Iteration, rms
 from .cofactors import gauss_newton_cofactor
 from .iteration import Ending, Stack, iterate
 from .linalg import solve, unit_weight_sd
-from .problem import EIVProblem
+from .problem import CommonCofactors, EIVProblem
 from .steps import misclosures, objective, schaffrin_wieser_step
 from .weights import IGG3, MAD_TO_SD, PRINTED_THRESHOLDS
 
@@ -31,9 +31,13 @@ from .weights import IGG3, MAD_TO_SD, PRINTED_THRESHOLDS
 class Printed(Protocol):
     """The printed problem of a stack of B clouds in their own frames, and the way back from it."""
 
-    problem: EIVProblem
-    length: Array
-    """(B,) m, unit of the distances"""
+    @property
+    def problem(self) -> EIVProblem: ...
+
+    @property
+    def length(self) -> Array:
+        """(B,) m, unit of the distances."""
+        ...
 
     def distances(self, x: Array, r: Array) -> Array:
         """Signed orthogonal distances (B, n) in units of the length, from misclosures r (B, n)."""
@@ -82,14 +86,13 @@ def igg3_wtls(
     max_iterations: int = 1000,
     history: bool = False,
 ) -> Fit:
-    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in more than one
-    way.
+    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in two ways.
 
     One Schaffrin-Wieser step with the current weights, distances from the new surface, weight
     factors ω(|d|/σ), new weights; until the step in the printed parameters X is below
     ``tolerance``. The defaults are the literal reading.
 
-    printed_problem : gives the :class:`Printed` problem of the cloud with P_X of the first iteration
+    printed_problem : gives the :class:`Printed` problem of the cloud from its ``unit_weight``
     scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term),
         ``rms_in`` of the points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made
         consistent at the normal law, ``mad`` the median absolute distance (times 1.4826 n/(n − 4)),
@@ -117,9 +120,9 @@ def igg3_wtls(
     printed = printed_problem(cloud, base)
     problem = printed.problem
     # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
-    x = _weighted_solution(
-        problem, problem.cofactors.h if start == "Q_Y" else 1.0 / problem.cofactors.h
-    )
+    assert isinstance(problem.cofactors, CommonCofactors)
+    Q_Y = problem.cofactors.h
+    x = _weighted_solution(problem, Q_Y if start == "Q_Y" else 1.0 / Q_Y)
     x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
     iterations = []
 
@@ -144,8 +147,8 @@ def igg3_wtls(
         return state, {Ending.TOO_FEW_POINTS: lost, Ending.SMALL_PRINTED_STEP: moved < tolerance}
 
     ones = np.ones(cloud.points.shape[:2])
-    start = State(x, *misclosures(problem, x), ones, ones)
-    state, convergence = iterate(printed, start, advance, max_iterations, tolerance)
+    first = State(x, *misclosures(problem, x), ones, ones)
+    state, convergence = iterate(printed, first, advance, max_iterations, tolerance)
     x, weights = state.x, state.weights
     sigma_0 = unit_weight_sd(objective(problem, x, weights), cloud.count - problem.parameters)
     cofactor = gauss_newton_cofactor(problem, x, weights)

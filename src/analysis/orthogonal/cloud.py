@@ -95,7 +95,7 @@ class Cloud:
             where = ("all at one place", "on one line", flat)[rank[bad]]
             raise self.degenerate(f"points {where}", bad)
 
-    def degenerate(self, got: str, index: int) -> DegenerateCloud:
+    def degenerate(self, got: str, index: int | np.integer) -> DegenerateCloud:
         """The error for points that do not determine this surface."""
         return DegenerateCloud(
             f"points: expected points that determine {self.surface}, got {got}", int(index)

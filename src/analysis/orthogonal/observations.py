@@ -37,7 +37,7 @@ class Points:
         )
 
     def oblique(self) -> Array:
-        """Coordinates (B, n) along an oblique direction: an order that the points have themselves."""
+        """Coordinates (B, n) along an oblique direction: the points' own order."""
         return self.D @ np.sqrt([2.0, 3.0, 5.0])[: self.D.shape[-1]]
 
     def __getitem__(self, keep) -> Points:
@@ -47,9 +47,9 @@ class Points:
 
 @dataclass(frozen=True)
 class Observations:
-    """Points of a stack as given; a piece at a time is taken into the frame ``(p − origin)/length``.
+    """Points of a stack as given, and the frame ``(p − origin)/length`` in which they are solved.
 
-    So a large cloud is never there twice.
+    They are taken into it a piece at a time, so that a large cloud is never there twice.
 
     points : (B, n, dim) in m; origin (B, dim), length (B,) : of the frame; variances, axes : in the
         frame, as of :class:`Points`
@@ -119,6 +119,9 @@ class Observations:
         )
 
 
-def _principal(cofactors: Array) -> tuple[Array] | tuple[Array, Array]:
+def _principal(cofactors: Array) -> tuple[Array, Array | None]:
     """Variances of isotropic points, or variances and axes from matrices (B, n, dim, dim)."""
-    return (cofactors,) if cofactors.ndim == 2 else tuple(np.linalg.eigh(cofactors))
+    if cofactors.ndim == 2:
+        return cofactors, None
+    variances, axes = np.linalg.eigh(cofactors)
+    return variances, axes

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -60,7 +61,7 @@ class Reliability:
     minimal_bias: Array
     external: Array
 
-    def suspects(self, alpha: float = 0.05, correction: str = "bonferroni") -> Array:
+    def suspects(self, alpha: float = 0.05, correction: str = "bonferroni") -> np.ndarray:
         """(…, n) bool: points whose test fails on the final fit, all tested at once.
 
         correction : for the number of tests, n of each fit:
@@ -227,7 +228,7 @@ def data_snooping(
     """
     points = point_array(points, np.shape(points)[-1], 1, "data snooping")
     kept = np.ones(len(points), dtype=bool)
-    precision = {
+    precision: dict[str, Any] = {
         name: np.asarray(values)
         for name, values in (("weights", weights), ("cofactors", cofactors))
         if values is not None
@@ -261,7 +262,7 @@ def _cofactors(weights, cofactors, shape: tuple[int, ...], count: int) -> Array:
     return variances.reshape(count, shape[-1])
 
 
-def _p_values(u: Array, in_use: Array, t: int) -> Array:
+def _p_values(u: Array, in_use: np.ndarray, t: int) -> Array:
     """Two-sided, for u standardised by an estimated σ.
 
     ``u √((ν − 1)/(ν − u²))`` is Student's t with ν − 1 degrees of freedom for points in use.

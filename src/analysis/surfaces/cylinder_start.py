@@ -48,7 +48,7 @@ def fit_majority(
 
 def _fit_majority(
     model: GeometricModel, D: Array, axis: Array | None, seed: int | None
-) -> tuple[Array, float]:
+) -> tuple[Array, Array]:
     generator = np.random.default_rng(0 if seed is None else seed)
     D = D[generator.permutation(len(D))]
     few = D[:SCREENED]
@@ -75,8 +75,8 @@ def _fit_majority(
 def trial_directions(D: Array) -> Array:
     """(C, 3) unit vectors: principal axes of a cloud (n, 3), some near them, and a hemisphere.
 
-    Those of the hemisphere are about 17° apart. The principal axes are those of the shape matrix of Tyler (1987), for which far points count no
-    more than near ones.
+    Those of the hemisphere are about 17° apart. The principal axes are those of the shape matrix of
+    Tyler (1987), for which far points count no more than near ones.
     """
     D = D - np.median(D, axis=0)
     D = D[np.einsum("ni,ni->n", D, D) > 0]
@@ -87,8 +87,8 @@ def trial_directions(D: Array) -> Array:
         shape /= np.trace(shape)
     axes = np.linalg.eigh(shape)[1].T
     around = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
-    near = [_directions(tilt, around) for tilt in np.radians([4.0, 10.0])]
-    near = np.concatenate([[[0.0, 0.0, 1.0]], *near])
+    cones = [_directions(tilt, around) for tilt in np.radians([4.0, 10.0])]
+    near = np.concatenate([[[0.0, 0.0, 1.0]], *cones])
     index = np.arange(80)
     hemisphere = _directions(np.arccos((index + 0.5) / 80), np.pi * (1.0 + 5.0**0.5) * index)
     return np.concatenate([near @ np.roll(axes, k, axis=0) for k in range(3)] + [hemisphere @ axes])
@@ -113,7 +113,7 @@ def _frames_along(directions: Array) -> Array:
 # ---------------------------------------------------------------------------- ellipses
 
 
-def _along(D: Array, frame: Array, draws: Array | None, h: int, kept: int) -> Array:
+def _along(D: Array, frame: Array, draws: np.ndarray | None, h: int, kept: int) -> Array:
     """The ``kept`` best cylinders x (…, 15) along one direction, by their h closest points."""
     seen, section = D @ frame[:2].T, EllipseModel()
     if draws is None:

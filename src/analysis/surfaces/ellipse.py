@@ -54,7 +54,7 @@ class EllipseModel(ElementalModel):
 
     @staticmethod
     def update(x: Array, step: Array) -> Array:
-        """x after a step, shortened if longer than m or 0.8 of what the minor semi-axis can lose."""
+        """x after a step, shortened if longer than m, or to take off 0.8 of the minor semi-axis."""
         b, new = _minor(x), _minor(x + step)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.minimum(1.0, x[..., 2] / np.linalg.norm(step, axis=-1))
@@ -214,7 +214,8 @@ def polar(x: Array, angles: Array, pole: Array) -> tuple[Array, Array, Array]:
     ``d(x, pole + ρδ) = 0`` for the orthogonal distance d; and ∂ρ/∂t (…, K, 2) of a shift t of the
     ellipse.
 
-    >>> radii, *_ = polar(np.array([0.0, 0.0, 1.5, 0.5, 0.0]), np.deg2rad([0.0, 90.0, -90.0]), np.array([0.5, 0.0]))
+    >>> x, pole = np.array([0.0, 0.0, 1.5, 0.5, 0.0]), np.array([0.5, 0.0])
+    >>> radii, *_ = polar(x, np.deg2rad([0.0, 90.0, -90.0]), pole)
     >>> radii[1:]
     array([1.5, 2.5])
 
@@ -460,7 +461,7 @@ def robust_direct(
     return cloud.fit("robust_direct", _only_ellipses(adjustment, natural))
 
 
-def _only_ellipses(adjustment: Adjustment, natural: Array) -> Adjustment:
+def _only_ellipses(adjustment: Adjustment, natural: np.ndarray) -> Adjustment:
     """Mark as not converged where only the condition makes an ellipse of the conic."""
     ended = adjustment.convergence.failed_where(~natural, NOT_NATURAL)
     return replace(adjustment, convergence=ended)

@@ -67,6 +67,7 @@ class PlaneModel(ElementalModel):
 
     def foot_points(self, x: Array, points: Points) -> Array:
         """``p̃ = p − Qn (n · p − h)/(nᵀQn)``."""
+        assert points.axes is not None
         along = np.einsum("bnij,bi->bnj", points.axes, x[:, :3])
         Qn = np.einsum("bnij,bnj->bni", points.axes, points.variances * along)
         d = self.distances(x[:, None], points.D)[:, 0]
@@ -99,8 +100,10 @@ def tangents(n: Array) -> Array:
     to singular.
 
     >>> T = tangents(np.array([0.0, 0.6, -0.8]))
-    >>> np.abs(np.round(T.T @ T, 12)).tolist(), np.abs(np.round(T.T @ [0.0, 0.6, -0.8], 12)).tolist()
-    ([[1.0, 0.0], [0.0, 1.0]], [0.0, 0.0])
+    >>> np.abs(np.round(T.T @ T, 12)).tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
+    >>> np.abs(np.round(T.T @ [0.0, 0.6, -0.8], 12)).tolist()
+    [0.0, 0.0]
     """
     v = n.copy()
     v[..., 2] += np.where(n[..., 2] < 0, -1.0, 1.0)
@@ -167,7 +170,7 @@ class PlaneCloud(Cloud):
         return self.factor[:, 0, 1:] / self.factor[:, 0, :1]
 
     def start(self) -> Array:
-        """n and h of the plane with the least ``Σ P d²`` (weighted principal component analysis)."""
+        """n and h with the least ``Σ P d²``, by weighted principal component analysis."""
         n = self.principal_axes[1][..., 2]
         return np.concatenate([n, np.einsum("bi,bi->b", n, self.mean())[:, None]], axis=-1)
 
@@ -229,7 +232,7 @@ class PlaneCloud(Cloud):
 def reduce(
     points: Array, weights=None, cofactors=None, *, station: Array | None = None
 ) -> PlaneCloud:
-    """Centre and scale a stack ``(B, n, 3)``; station (3,) or None for the origin, as :class:`Cloud`.
+    """Centre and scale a stack ``(B, n, 3)``, as :class:`Cloud`; station (3,), None for the origin.
 
     Raises ``ValueError`` when the points of a cloud lie on a line as far as their coordinates can
     tell.
@@ -250,7 +253,7 @@ def rows(points: Array, origin: Array, length: Array) -> Array:
 
 
 def _sign(n: Array) -> Array:
-    """−1 for normals (B, 3) that point the wrong way: z ≥ 0; where it is 0, y; where both are, x."""
+    """−1 for normals (B, 3) that point the wrong way: z ≥ 0; if 0, y decides; if 0 too, x."""
     x, y, z = np.where(np.abs(n) < 8 * np.finfo(float).eps, 0.0, n).T
     return np.where((z < 0) | ((z == 0) & ((y < 0) | ((y == 0) & (x < 0)))), -1.0, 1.0)
 
@@ -269,7 +272,7 @@ def _normal_jacobian(n: Array, pivot: Array, length) -> Array:
 
 
 def _slope_jacobian(n: Array, offset: Array) -> Array:
-    """(B, 3, 4) of (a, b, c) = (−n_x, −n_y, offset)/n_z by (n, offset); NaN for a vertical plane."""
+    """(B, 3, 4) of (a, b, c) = (−n_x, −n_y, offset)/n_z by (n, offset); NaN if vertical."""
     z = _or_nan(n[:, 2])
     J = np.zeros((len(n), 3, 4))
     J[:, [0, 1, 2], [0, 1, 3]] = np.stack([-1.0 / z, -1.0 / z, 1.0 / z], axis=-1)

@@ -53,8 +53,10 @@ def ls(cloud: PlaneCloud) -> PlaneFit:
 def tls(cloud: PlaneCloud) -> PlaneFit:
     """Pure total least squares by SVD of ``[x, y, 1 | z]``, ``min Σ P v²/(1 + a² + b² + c²)``.
 
-    As the paper uses it: the constant column is taken as noisy and the result depends on the coordinate origin and on the
-    unit of length. σ0 = σ_min/√(n − 3). Source: Wu, Chen & Wang, method 2 (Q_A a unit matrix).
+    As the paper uses it: the constant column is taken as noisy, and the result depends on the
+    coordinate origin and on the unit of length. σ0 = σ_min/√(n − 3).
+
+    Source: Wu, Chen & Wang, method 2 (Q_A a unit matrix).
     """
     _require_not_vertical(cloud)
     K = np.zeros((len(cloud.points), 4, 4))  # printed rows (x, y, 1, z) from (D_x, D_y, 1, D_z)
@@ -90,9 +92,9 @@ def wtls(
 ) -> PlaneFit:
     """Weighted total least squares, weights from the incidence angle, ``Q = 1/cos θ`` of x, y, z.
 
-    The column of ones is exact. ``Φ = Σ P cos θ v²/(1 + a² + b²)`` is minimised for given weights. These are found from the LS
-    plane, and then again from the plane they gave. σ0 = √(Φ/(n − 3)) is the standard deviation of a
-    coordinate at cos θ = 1.
+    The column of ones is exact. ``Φ = Σ P cos θ v²/(1 + a² + b²)`` is minimised for given weights.
+    These are found from the LS plane, and then again from the plane they gave. σ0 = √(Φ/(n − 3)) is
+    the standard deviation of a coordinate at cos θ = 1.
 
     algorithm : a name from ``ALGORITHMS``; the paper's is a quasi-Newton one, and it does not say
         which
@@ -126,8 +128,8 @@ def eiv(cloud: PlaneCloud, *, max_iterations: int = 100) -> PlaneFit:
 
     For a plane this is the orthogonal fit in the metric of Q⁻¹, ``min Σ eᵀQ⁻¹e``, without
     approximation. Any orientation; independent of the origin. σ0 = √(Φ/(n − 3)): in m without
-    cofactors, else relative to them. With one weight per point it is solved in closed form, otherwise
-    by Newton steps with the exact Hessian.
+    cofactors, else relative to them. With one weight per point it is solved in closed form,
+    otherwise by Newton steps with the exact Hessian.
 
     Source: Fang 2013.
     """
@@ -142,7 +144,7 @@ def geometric(cloud: PlaneCloud, *, max_iterations: int = 100) -> PlaneFit:
     return cloud.fit("geometric", _orthogonal(cloud, max_iterations))
 
 
-# --- vertical planes
+# ---------------------------------------------------------------------------------- vertical planes
 
 
 def _least_squares(cloud: PlaneCloud) -> Estimate:
@@ -153,7 +155,7 @@ def _least_squares(cloud: PlaneCloud) -> Estimate:
 
 
 def _require_not_vertical(cloud: PlaneCloud) -> None:
-    """Raise for a vertical plane, or one so steep that the noise of the points could have made it."""
+    """Raise for a vertical plane, or one so steep that noise could have made a vertical one so."""
     extents, axes = cloud.principal_axes
     n = axes[..., 2]
     redundancy = max(cloud.count - PARAMETERS, 1)
@@ -169,7 +171,7 @@ def _require_not_vertical(cloud: PlaneCloud) -> None:
         )
 
 
-# --- orthogonal
+# --------------------------------------------------------------------------------------- orthogonal
 
 
 def _principal_components(cloud: PlaneCloud) -> Adjustment:
@@ -263,7 +265,7 @@ class RotatedCofactors(IndependentRows, Stack):
         return result
 
 
-# --- the printed problem
+# ------------------------------------------------------------------------------ the printed problem
 
 
 @dataclass(frozen=True)
@@ -352,13 +354,12 @@ def incidence_cosines(points, plane, station=(0.0, 0.0, 0.0), *, at: str = "raw"
         )
     ranges = np.linalg.norm(vectors, axis=-1)
     if not ranges.all():
-        raise ValueError(
-            f"points: expected points away from the station, got {np.count_nonzero(ranges == 0)} in it"
-        )
+        there = np.count_nonzero(ranges == 0)
+        raise ValueError(f"points: expected points away from the station, got {there} in it")
     return np.abs((vectors @ n[..., None])[..., 0]) / ranges
 
 
-# --- results
+# ------------------------------------------------------------------------------------------ results
 
 
 def _in_metres(cloud: PlaneCloud, x: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ..adjustment.linalg import solve
+from ..adjustment.wtls import triangular_factor
 from ..orthogonal.cloud import Cloud, frame_of
 from ..orthogonal.contracts import ElementalModel
 from ..orthogonal.least_trimmed_squares import least_trimmed_squares
@@ -264,7 +265,7 @@ def reduce(
     or in one place) as far as their coordinates can tell: no sphere, or no single one, fits best.
     """
     cloud = SphereCloud(points, weights, cofactors, *frame_of(points), radius)
-    centred = np.linalg.qr(cloud.factor[..., [3, 0, 1, 2]], mode="r")[..., 1:, 1:]
+    centred = triangular_factor([cloud.factor[..., [3, 0, 1, 2]]])[..., 1:, 1:]
     extents = np.linalg.svd(centred, compute_uv=False) * (0.5 * cloud.length[:, None])
     cloud.require_dimensions(extents, 3, flat="in one plane (or on one circle)")
     return cloud

@@ -30,7 +30,7 @@ from ..adjustment.steps import (
     objective,
     schaffrin_wieser_step,
 )
-from ..adjustment.wtls import smallest_singular_solution
+from ..adjustment.wtls import smallest_singular_solution, triangular_factor
 from ..checks import check_positive, check_whole_number
 from ..result import Adjustment, Array
 from .sphere import (
@@ -79,7 +79,7 @@ def mixed_ls_tls(cloud: SphereCloud) -> SphereFit:
     sections 2.3 and 3.6.
     """
     length = cloud.length[:, None]
-    R = np.linalg.qr(cloud.factor[..., [3, 0, 1, 2, 4]], mode="r")  # the exact column first
+    R = triangular_factor([cloud.factor[..., [3, 0, 1, 2, 4]]])  # the exact column first
     noisy = R[:, 1:, 1:] * np.concatenate([length, length, length, length**2], axis=-1)[:, None, :]
     k_ls = solve(noisy[:, :3, :3], noisy[:, :3, 3:])[..., 0] + cloud.origin
     # Exact points leave no residual; one at rounding level changes nothing and can be inverted.
@@ -166,7 +166,7 @@ def eiv(cloud: SphereCloud, *, max_iterations: int = 100) -> SphereFit:
     return _fit(cloud, "eiv", Adjustment(x, cofactor, sigma_0, None, convergence))
 
 
-# --- a fixed radius
+# ----------------------------------------------------------------------------------- a fixed radius
 
 
 def _tangent(x: Array) -> Array:
@@ -194,7 +194,7 @@ def _newton_step_at_fixed_radius(problem: EIVProblem, x: Array) -> Array:
     return new
 
 
-# --- cofactors
+# ---------------------------------------------------------------------------------------- cofactors
 
 
 @dataclass(frozen=True)
@@ -328,7 +328,7 @@ def printed_problem(cloud: SphereCloud, unit_weight: float) -> PrintedSphere:
     return PrintedSphere(EIVProblem(A_w, cofactors), cloud.origin, cloud.length)
 
 
-# --- results
+# ------------------------------------------------------------------------------------------ results
 
 
 def _fit(cloud: SphereCloud, method: str, adjustment: Adjustment) -> SphereFit:

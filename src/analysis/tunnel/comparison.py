@@ -12,7 +12,6 @@ that error does not average out and decides what is significant.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -23,7 +22,7 @@ import pandas as pd
 from ..blocks import pieces
 from ..checks import check_positive, finite_array, point_array
 from ..methods import fit_ellipse
-from ..result import ConvergenceWarning
+from ..result import ignore_convergence_warnings
 from ..surfaces.ellipse import EllipseFit
 from .axis import Axis, robust_axis
 from .filter import FilteredLining, filter_lining
@@ -343,8 +342,7 @@ def _ellipses(
 ) -> tuple[tuple[EllipseFit, EllipseFit] | None, str]:
     """Robust ellipses of both epochs, and what is wrong with them."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)  # the note says it
+        with ignore_convergence_warnings():  # the note says it
             ellipses = tuple(
                 fit_ellipse(np.column_stack([section.u, section.v])) for section in sections
             )

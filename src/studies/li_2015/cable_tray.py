@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
 from analysis.methods import ELLIPSE_METHODS, fit_ellipse
-from analysis.result import ConvergenceWarning
+from analysis.result import ignore_convergence_warnings
 from analysis.surfaces.ellipse import polar
 from analysis.tunnel.outlines import ANGLES
 
@@ -57,9 +56,8 @@ def tray_study(
         radii = np.stack([polar(SECTION, row, np.zeros(2))[0] for row in angles]) - inside * covered
         points = radii[..., None] * np.stack([np.sin(angles), np.cos(angles)], axis=-1) + noise
         for method, entry in ELLIPSE_METHODS.items():
-            with warnings.catch_warnings():
+            with ignore_convergence_warnings():
                 # a fit that has not converged counts with its error
-                warnings.simplefilter("ignore", ConvergenceWarning)
                 fit = fit_ellipse(points, method)
             errors = 1e3 * np.abs(fit.polar(ANGLES, np.zeros(2))[0] - truth).max(axis=-1)
             row = {"share_percent": 100.0 * share, "method": method, "label": entry.label}

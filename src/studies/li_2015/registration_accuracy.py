@@ -4,14 +4,12 @@ and joints between neighbours.
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from analysis.result import ConvergenceWarning
+from analysis.result import ignore_convergence_warnings
 from analysis.similarity import fit_similarity, umeyama
 from analysis.tunnel.registration import ARCSECONDS, Station, section_errors
 
@@ -162,8 +160,7 @@ def repetition(setup: Setup, trials: int, seed: int, *, robust: bool = True) -> 
     middle = at.mean(axis=0)
     scanned = at + TARGET_SD * generator.standard_normal((trials, *at.shape))
     control = true + NET_SD * generator.standard_normal((trials, *at.shape))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # the table says how many
+    with ignore_convergence_warnings():  # the table says how many
         fits = fit_similarity(scanned, control, scale=False, robust=robust, **ABSOLUTE)
     position = fits.transform(middle[None])[:, 0] - setup.pose.to_engineering(middle)
     turns = Rotation.from_matrix(setup.pose.rotation @ fits.rotation.swapaxes(-1, -2)).as_rotvec()

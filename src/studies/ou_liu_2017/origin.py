@@ -8,7 +8,6 @@ normal equations loses the digits that hold the sphere.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import partial
@@ -18,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.methods import SPHERE_METHODS, fit_sphere
-from analysis.result import ConvergenceWarning
+from analysis.result import ignore_convergence_warnings
 
 from .clouds import SPHERE_CENTER, SPHERE_RADIUS
 
@@ -96,8 +95,7 @@ def _fitted(clouds: NDArray[np.float64], method: str) -> tuple[NDArray[np.float6
     """Parameters (B, 4) of a stack of clouds, NaN where the method did not converge to a sphere,
     and how often that was.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # counted instead
+    with ignore_convergence_warnings():  # counted instead
         fit = fit_sphere(clouds, method)
     return np.where(fit.converged[:, None], fit.parameters, np.nan), int(
         np.count_nonzero(~fit.converged)

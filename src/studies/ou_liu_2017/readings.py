@@ -13,7 +13,6 @@ Source: Ou & Liu (2017), doi:10.7510/jgjs.issn.1001-3806.2017.05.026.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 from analysis.adjustment.igg3 import SCALES
 from analysis.adjustment.wtls import wtls
 from analysis.methods import fit_sphere
-from analysis.result import ConvergenceWarning
+from analysis.result import ignore_convergence_warnings
 from analysis.surfaces.sphere import PARAMETERS
 
 from .clouds import sphere_redraws
@@ -65,8 +64,7 @@ class Reading:
 
 def _igg3(points, **options) -> Answer:
     """IGG III-WTLS as printed but for the options."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # the Answer says it
+    with ignore_convergence_warnings():  # the Answer says it
         fit = fit_sphere(points, "igg3_wtls", **options)
     return Answer(
         fit.center,

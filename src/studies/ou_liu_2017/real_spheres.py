@@ -11,7 +11,6 @@ Source: NIST, repository usnistgov/DMG_SphereFitting; not subject to copyright i
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from functools import partial
 
@@ -20,7 +19,7 @@ import pandas as pd
 
 from analysis.methods import SPHERE_METHODS, fit_sphere
 from analysis.reading import read_points
-from analysis.result import ConvergenceWarning, rms
+from analysis.result import ignore_convergence_warnings, rms
 from analysis.surfaces.sphere import SphereFit
 
 from ..paths import SCANS
@@ -327,8 +326,7 @@ def _sight(scan: str) -> np.ndarray:
 
 def _fit(points: np.ndarray, method: str, **options) -> SphereFit:
     """A fit whose failure is read from its row and not from a warning."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
+    with ignore_convergence_warnings():
         return fit_sphere(points, method, **options)
 
 

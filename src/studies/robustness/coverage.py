@@ -8,7 +8,6 @@ with the covariance Σ̂ that the method itself states.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 
 import joblib
@@ -20,7 +19,7 @@ from scipy.stats import f as fisher
 from analysis.adjustment.linalg import solve
 from analysis.blocks import pieces
 from analysis.methods import SPHERE_METHODS, fit_sphere
-from analysis.result import ConvergenceWarning
+from analysis.result import ignore_convergence_warnings
 from analysis.scanner import Scanner
 from analysis.surfaces.sphere import PARAMETERS, SphereFit
 
@@ -122,8 +121,7 @@ def _trials(noise: str, gross_percent: float, points, cofactors, methods) -> pd.
     deviation of the centre in mm.
     """
     frames = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # counted instead
+    with ignore_convergence_warnings():  # counted instead
         for method in methods:
             fit = fit_sphere(
                 points, method, cofactors=cofactors if SPHERE_METHODS[method].consistent else None

@@ -14,7 +14,6 @@ height |c| of the scanner does.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 
 import numpy as np
@@ -25,7 +24,7 @@ from scipy.stats import f as fisher
 
 from analysis.adjustment.linalg import solve
 from analysis.methods import fit_plane
-from analysis.result import ConvergenceWarning
+from analysis.result import ignore_convergence_warnings
 from analysis.scanner import Scanner
 from analysis.surfaces.plane import PARAMETERS, PlaneFit
 
@@ -171,8 +170,7 @@ def fitted(
     normals = fit_plane(points, "ls").normal[..., None, :]
     cofactors = scanner.cofactors(points, normals=np.broadcast_to(normals, points.shape))
     fits = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # `converged` tells
+    with ignore_convergence_warnings():  # `converged` tells
         for name in names:
             method, options, given, _ = COMPARED[name]
             fits[name] = fit_plane(

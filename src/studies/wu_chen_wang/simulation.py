@@ -10,7 +10,6 @@ Source: Wu, Chen & Wang, section 3 (the tables themselves are lost, the text sta
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -19,7 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.methods import fit_plane
-from analysis.result import ConvergenceWarning
+from analysis.result import ignore_convergence_warnings
 from analysis.surfaces.plane import PlaneFit
 
 from ..printed import statements
@@ -93,8 +92,7 @@ def fitted(points: NDArray[np.float64], cosines: NDArray[np.float64], variant: s
     cosines : (B, n) at the points without noise, for the variant that knows them.
     """
     chosen = VARIANTS[variant]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
+    with ignore_convergence_warnings():
         return fit_plane(
             points,
             chosen.method,
