@@ -24,7 +24,7 @@ SOURCES := $(foreach package,analysis studies,$(wildcard src/$(package)/*.py src
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help environment reproduce notebooks test bench lock lab report scans readme clean
+.PHONY: help environment reproduce notebooks test compare bench lock lab report scans readme clean
 
 help: ## list the commands
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1|\2/p' Makefile | awk -F '|' '{ printf "make %-12s %s\n", $$1, $$2 }'
@@ -46,10 +46,11 @@ $(ENVIRONMENT): $(PACKAGES) pyproject.toml
 	@$(IN_VENV) -c 'import matplotlib.font_manager'
 	@touch $@
 
-reproduce: $(ENVIRONMENT) ## run the notebooks whose inputs changed (in a fresh clone: all), then show the headline table
-	@$(IN_VENV) -m project.scans --needed || echo "Without the scans, notebook 05 keeps its stored output; everything else is run."
+reproduce: $(ENVIRONMENT) ## run the notebooks whose inputs changed (in a fresh clone: all), show the headline table and what agrees
+	@$(IN_VENV) -m project.scans --needed || true
 	@$(MAKE) --no-print-directory -j 2 notebooks
 	@$(IN_VENV) -m project.readme --show headline
+	@$(IN_VENV) -m project.agreement
 
 notebooks: $(STAMPS)
 	@echo "The notebooks are up to date."
@@ -64,10 +65,17 @@ $(LAST): $(filter-out $(LAST),$(STAMPS))
 
 build/notebooks/05_real_spheres.stamp: $(wildcard data/scans/*.xyz)
 
-test: $(ENVIRONMENT) ## unit tests and doctests; then every notebook run again and compared with its stored output and tables
+test: $(ENVIRONMENT) ## style and types; unit tests and doctests; then every notebook run again and compared with its stored output and tables
+	@$(IN_VENV) -m ruff check --quiet --ignore E501
+	@$(IN_VENV) -m ruff format --check --quiet
+	@$(IN_VENV) -m mypy
 	@$(IN_VENV) -m pytest $(TOGETHER)
+	@$(MAKE) --no-print-directory compare
+
+compare: $(ENVIRONMENT)
 	@export ANALYSIS_OUTPUT="$$(mktemp -d)" && trap 'rm -rf "$$ANALYSIS_OUTPUT"' EXIT && \
-	  $(IN_VENV) -m pytest $(TOGETHER) --nbval --nbval-current-env notebooks && $(IN_VENV) -m pytest tests/test_results.py
+	  $(IN_VENV) -m pytest $(TOGETHER) --nbval --nbval-current-env notebooks && \
+	  $(IN_VENV) -m pytest tests/project/test_results.py
 
 bench: $(ENVIRONMENT) ## time and memory of every method, beside another library's
 	@$(IN_VENV) -m project.bench
@@ -93,5 +101,5 @@ lock: ## renew environment.txt from environment.in; what still fits keeps its ve
 	@rm -r build/lock
 
 clean: ## remove build/ and caches (the environment stays; to make it anew, remove .venv)
-	@rm -rf build .pytest_cache .ruff_cache
+	@rm -rf build .pytest_cache .ruff_cache .mypy_cache
 	@find src tests notebooks \( -name __pycache__ -o -name .ipynb_checkpoints -o -name '*.egg-info' \) -prune -exec rm -r {} +

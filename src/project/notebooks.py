@@ -1,16 +1,20 @@
 """
 Run notebooks in place.
 
-``python -m project.notebooks run NAME...`` with names as ``03_sphere_tables``. A notebook whose
-results did not change stays the same byte for byte; one that fails stays as it was.
+``python -m project.notebooks run NAME...`` with names as ``03_sphere_tables``. Notebooks, tables
+and figures that agree with the committed ones stay as they are; so does everything of a notebook
+that fails.
 """
 
 import argparse
+import os
 import re
 import shutil
 import sys
+import tempfile
 import threading
 import time
+from pathlib import Path
 
 import nbformat
 from ipykernel.kernelspec import RESOURCES, get_kernel_dict
@@ -19,10 +23,9 @@ from jupyter_client.kernelspec import KernelSpec
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, DeadKernelError
 
-from analysis.export import files
 from studies import paths
 
-from . import scans
+from . import agreement, scans
 
 METADATA = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
@@ -121,31 +124,38 @@ def sections(notebook):
 
 def run(path, stream=sys.stdout):
     """
-    Execute the notebook at path from top to bottom, in its own folder, and write it back once every
-    cell has succeeded.
+    Execute the notebook at path from top to bottom, in its own folder, and put into the tree what
+    does not agree with the committed files (:func:`project.agreement.settle`).
 
-    Raises CellExecutionError, with the cell and its traceback, or DeadKernelError; the file is then
-    untouched.
+    What the notebook writes goes to a temporary folder until every cell has succeeded, so that a
+    run that fails or is interrupted changes nothing.
+
+    Returns
+    -------
+    list of the tables that do not agree, as relative paths.
+
+    Raises
+    ------
+    CellExecutionError, with the cell and its traceback, or DeadKernelError.
     """
     notebook = nbformat.read(path, as_version=4)
-    with Progress(path.stem, notebook, stream) as progress:
-        NotebookClient(
-            notebook,
-            timeout=None,
-            kernel_manager_class=ThisPython,
-            # else each kernel warns that it is not encrypted, on this very machine
-            extra_arguments=["--log-level=ERROR"],
-            resources={"metadata": {"path": str(path.parent)}},
-            record_timing=False,  # times of day would make every run a change
-            coalesce_streams=True,  # where printed text is cut into messages is chance
-            on_cell_execute=progress.start_cell,
-            on_cell_executed=progress.end_cell,
-        ).execute()
-    notebook.metadata = METADATA
-    text = nbformat.writes(notebook) + "\n"
-    if text != path.read_text(encoding="utf-8"):
-        with files.replacing(path) as part:
-            part.write_text(text, encoding="utf-8", newline="\n")
+    with tempfile.TemporaryDirectory(prefix="analysis-") as written:
+        with Progress(path.stem, notebook, stream) as progress:
+            NotebookClient(
+                notebook,
+                timeout=None,
+                kernel_manager_class=ThisPython,
+                # else each kernel warns that it is not encrypted, on this very machine
+                extra_arguments=["--log-level=ERROR"],
+                resources={"metadata": {"path": str(path.parent)}},
+                record_timing=False,  # times of day would make every run a change
+                coalesce_streams=True,  # where printed text is cut into messages is chance
+                on_cell_execute=progress.start_cell,
+                on_cell_executed=progress.end_cell,
+            ).execute(env=os.environ | {paths.OUTPUT_VARIABLE: written})
+        notebook.metadata = METADATA
+        executed = f"{nbformat.writes(notebook)}\n".encode()
+        return agreement.settle(Path(written), path.relative_to(paths.ROOT), executed)
 
 
 def main(arguments=None):
@@ -160,7 +170,8 @@ def main(arguments=None):
             print(reason)
             continue
         try:
-            run(paths.NOTEBOOKS / f"{name}.ipynb")
+            for table in run(paths.NOTEBOOKS / f"{name}.ipynb"):
+                print(f"{name}: {table.as_posix()} does not agree with the committed one")
         except (CellExecutionError, DeadKernelError) as error:
             # colours only for a terminal
             text = str(error) if sys.stderr.isatty() else re.sub(r"\033\[[\d;]*m", "", str(error))

@@ -5,9 +5,11 @@ import hashlib
 import http.server
 import io
 import json
+import os
 import re
 import shutil
 import subprocess
+import sys
 import threading
 import tomllib
 from pathlib import Path
@@ -15,7 +17,7 @@ from pathlib import Path
 import nbformat
 import pytest
 from nbclient.exceptions import CellExecutionError
-from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -92,8 +94,8 @@ def test_make_help_lists_every_target():
     if not shutil.which("make"):
         pytest.skip("make is not installed")
     makefile = (paths.ROOT / "Makefile").read_text()
-    # a step of reproduce
-    targets = set(re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split()) - {"notebooks"}
+    targets = set(re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split())
+    targets -= {"notebooks", "compare"}  # steps of reproduce and of test
     shown = subprocess.run(
         ["make", "help"], cwd=paths.ROOT, capture_output=True, text=True, check=True
     ).stdout
@@ -166,9 +168,11 @@ def test_notebook_is_stored_as_the_runner_stores_it(path):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder in the place of notebooks/."""
-    monkeypatch.setattr(paths, "NOTEBOOKS", tmp_path)
-    return tmp_path
+    """An empty folder in the place of notebooks/, in a tree without git."""
+    monkeypatch.setattr(paths, "ROOT", tmp_path)
+    monkeypatch.setattr(paths, "NOTEBOOKS", tmp_path / "notebooks")
+    paths.NOTEBOOKS.mkdir()
+    return paths.NOTEBOOKS
 
 
 def write(path, *sources):
@@ -224,6 +228,77 @@ def test_runner_skips_the_scans_notebook_without_scans(folder, monkeypatch, caps
     assert notebooks.main(["run", scans.NOTEBOOK]) == 0
     assert "make scans" in capsys.readouterr().out
     assert path.read_bytes() == before
+
+
+# --- notebooks compared by `make test`
+# ---
+
+WRITE = """import os
+from pathlib import Path
+table = Path(os.environ["ANALYSIS_OUTPUT"], "data", "results", "{stem}_radius.csv")
+table.parent.mkdir(parents=True, exist_ok=True)
+_ = table.write_text("radius_m\\n{radius}\\n")
+print({radius})"""
+
+
+def stand_in(root, stem, radius, committed):
+    """A tiny notebook of that name, stored as executed, and its committed table."""
+    cell = new_code_cell(
+        WRITE.format(stem=stem, radius=radius),
+        execution_count=1,
+        outputs=[new_output("stream", name="stdout", text=f"{radius}\n")],
+    )
+    nbformat.write(new_notebook(cells=[cell]), root / "notebooks" / f"{stem}.ipynb")
+    (root / "data" / "results" / f"{stem}_radius.csv").write_text(f"radius_m\n{committed}\n")
+
+
+def compare(root, *variables):
+    """The step of `make test` that runs the notebooks again, in a copy of the project."""
+    if not shutil.which("make"):
+        pytest.skip("make is not installed")
+    words = [
+        "make",
+        "-o",
+        ".venv/environment.stamp",
+        f"IN_VENV='{sys.executable}'",
+        "compare",
+        *variables,
+    ]
+    clean = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("PYTEST", "MAKE", "ANALYSIS_OUTPUT", "NO_NOTEBOOKS", "MFLAGS"))
+    }
+    return subprocess.run(words, cwd=root, env=clean, capture_output=True, text=True)
+
+
+@pytest.fixture
+def copied(tmp_path):
+    """The project without data, notebooks and scans, in a folder with blanks in its name."""
+    root = tmp_path / "a new user"
+    ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
+    shutil.copytree(paths.ROOT / "src", root / "src", ignore=ignored)
+    for name in ("Makefile", "conftest.py", "pyproject.toml", "tests/project/test_results.py"):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(paths.ROOT / name, root / name)
+    (root / "notebooks").mkdir()
+    (root / "data" / "results").mkdir(parents=True)
+    stand_in(root, "01_simulated_sphere", 0.25, 0.25)
+    return root
+
+
+def test_without_scans_the_notebooks_pass_and_one_sentence_says_what_is_left_out(copied):
+    stand_in(copied, scans.NOTEBOOK, 1 / 3, 0.5)  # would fail if it were run
+    done = compare(copied)
+    assert done.returncode == 0, done.stdout + done.stderr
+    first = done.stdout.partition("test_results.py")[0]
+    assert first.count(f"{scans.NOTEBOOK} is not run") == 1 and "1 passed" in first
+
+
+def test_a_table_that_is_not_written_again_fails(copied):
+    stand_in(copied, "02_sphere_methods", 0.25, 0.26)
+    done = compare(copied, "TOGETHER=")  # in one process
+    assert done.returncode != 0 and "0.25 instead of 0.26" in done.stdout
 
 
 # --- scans
