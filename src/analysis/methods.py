@@ -1,4 +1,4 @@
-"""The named methods, and the ``fit_*`` that run them. Tables and figures iterate over them.
+"""The named methods, which tables and figures iterate over, and the ``fit_*`` that run them.
 
 A new method is one function in its geometry's file and one line here.
 """
@@ -184,19 +184,36 @@ def fit_sphere(
     absolute : True says that the cofactors are variances in m² and not only in proportion; the
         covariance is then not scaled by σ0 (same methods).
     seed : of the samples that ``robust`` starts from; the other methods draw nothing.
-    method_options : keywords of the method, described with its ``function`` in ``SPHERE_METHODS``.
+    method_options : options of the method, with their defaults:
+
+        =============  ============================================================================
+        ``wtls``       unit_weight=1, tolerance=1e-12, max_iterations=200
+        ``igg3_wtls``  scale="rms" (or rms_in, rms_w, rms_wc, mad, unit), power=1 (or 2),
+                       cumulative=True, unit_weight=1, k0=1.5, k1=2.5, start="Q_Y" (or "P_Y"),
+                       tolerance=1e-6, max_iterations=1000, history=False
+        ``eiv``        max_iterations=100
+        ``geometric``  bias_correction=False, max_iterations=100
+        ``robust``     weight_function=None (or a name from ``WEIGHT_FUNCTIONS`` or an instance),
+                       k0=2.5, k1=4 (of IGG III, in its place), max_iterations=1000
+        =============  ============================================================================
+
+        ``help(SPHERE_METHODS["robust"].function)`` describes them.
 
     Returns
     -------
     SphereFit, its fields with the leading axes of ``points``: ``center`` (…, 3) and ``radius`` (…)
     in m, ``covariance`` (…, 4, 4) of (a, b, c, r), ``distances`` (…, n) in m, ``weights``,
-    ``inliers``, σ0, σs and how the iteration ended.
+    ``inliers``, σ0, σs and how the iteration ended. A fit that did not converge comes back with
+    ``converged`` False, a ``stop_reason`` and a ``ConvergenceWarning``.
 
-    Raises ``ValueError`` for wrong shapes, NaN or infinity, fewer than four points, points in a
-    plane or on a circle, non-positive weights, an unknown method or option value, and what the
-    method cannot take. A fit that did not converge comes back with ``converged`` False, a
-    ``stop_reason`` and a ``ConvergenceWarning``.
+    Raises
+    ------
+    ValueError for wrong shapes, NaN or infinity, fewer than four points, points in a plane or on a
+    circle, non-positive weights, an unknown method or option value, and what the method cannot
+    take.
 
+    Example
+    -------
     >>> directions = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])
     >>> fit = fit_sphere([10, 10, 1] + 2 * directions, "ls")
     >>> fit.center.round(9), round(float(fit.radius), 9)
@@ -229,7 +246,16 @@ def fit_plane(
         a x + b y + c and refuse a vertical plane; the others take any orientation.
     station : (3,) in m, where the scanner stood; ``wtls`` and ``igg3_wtls`` take their weights from
         the incidence angle.
-    cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`.
+    cofactors, weights, absolute, seed : as for :func:`fit_sphere`.
+    method_options : options of the method, with their defaults:
+
+        =============  ============================================================================
+        ``wtls``       algorithm="bfgs" (or another of ``ALGORITHMS``), cosine_at="raw" (or
+                       "projected"), reweightings=3, max_iterations=200
+        ``eiv``        max_iterations=100
+        ``geometric``  max_iterations=100
+        others         as for :func:`fit_sphere`
+        =============  ============================================================================
 
     Returns
     -------
@@ -238,8 +264,12 @@ def fit_plane(
     ``normal_covariance`` (…, 4, 4) of (normal, offset), ``distances`` (…, n) in m, and the rest as
     for a sphere.
 
-    Raises ``ValueError`` as :func:`fit_sphere`; points on a line determine no plane.
+    Raises
+    ------
+    ValueError as :func:`fit_sphere`; points on a line determine no plane.
 
+    Example
+    -------
     >>> fit = fit_plane([[0, 0, 1], [1, 0, 2], [0, 1, 4], [1, 1, 5.0]])
     >>> fit.parameters.round(9), fit.normal.round(4)
     (array([1., 3., 1.]), array([-0.3015, -0.9045,  0.3015]))
@@ -269,7 +299,9 @@ def fit_ellipse(
     method : a name from ``ELLIPSE_METHODS``.
     cofactors : (n,) or (…, n) variances of the points, or, for ``geometric`` and ``robust``, (n, 2,
         2) or (…, n, 2, 2) covariances.
-    weights, absolute, seed, method_options : as for :func:`fit_sphere`.
+    weights, absolute, seed : as for :func:`fit_sphere`.
+    method_options : ``robust_direct`` takes k0=1.5, k1=2.5, max_iterations=200; the others as for
+        :func:`fit_sphere`.
 
     Returns
     -------
@@ -277,9 +309,13 @@ def fit_ellipse(
     (…, 2) in m, the major one first, ``angle`` (…) of the major axis in [0, π) rad, ``covariance``
     (…, 5, 5) of (u0, v0, a, b, φ), and the rest as for a sphere.
 
-    Raises ``ValueError`` as :func:`fit_sphere`; points on a line, or on more than one conic,
-    determine no ellipse.
+    Raises
+    ------
+    ValueError as :func:`fit_sphere`; points on a line, or on more than one conic, determine no
+    ellipse.
 
+    Example
+    -------
     >>> t = np.arange(12) * np.pi / 6
     >>> fit = fit_ellipse(np.column_stack([1 + 3 * np.cos(t), 2 + 2 * np.sin(t)]))
     >>> fit.center.round(9), fit.semi_axes.round(9)
@@ -307,7 +343,8 @@ def fit_elliptic_cylinder(
     method : a name from ``CYLINDER_METHODS``.
     axis : (3,) approximate direction of the axis, of either sign and any length, or None to look
         for it. It saves time and is only a start; it should be right to some degrees.
-    cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`.
+    cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`, without
+        ``bias_correction``.
 
     Returns
     -------
@@ -316,8 +353,12 @@ def fit_elliptic_cylinder(
     ``regular_covariance`` (…, 7, 7), which holds for a circular cylinder too, and the rest as for a
     sphere.
 
-    Raises ``ValueError`` as :func:`fit_sphere`; points in a plane determine no elliptic cylinder.
+    Raises
+    ------
+    ValueError as :func:`fit_sphere`; points in a plane determine no elliptic cylinder.
 
+    Example
+    -------
     >>> turn, along = np.meshgrid(np.arange(12.0), [0.0, 1.0, 2.0])
     >>> points = np.stack([3 * np.cos(turn), along, 2 * np.sin(turn)], axis=-1).reshape(-1, 3)
     >>> fit = fit_elliptic_cylinder(points, "geometric")
