@@ -1,5 +1,4 @@
-"""Surfaces fitted to laser-scan points: the papers' methods as printed, and beside them what is
-right.
+"""Surfaces fitted to laser-scan points, by the papers' methods and by those one should use.
 
 >>> import analysis
 >>> sorted(analysis.SPHERE_METHODS)

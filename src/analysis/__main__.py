@@ -1,7 +1,9 @@
-"""Command line: ``python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]``,
-and so for a plane;
-``python -m analysis tunnel EPOCH1 EPOCH2 [--spacing M] [--thickness M] [--registration M] [--output
-DIR] [--json]``.
+"""Command line.
+
+    python -m analysis fit sphere scan.xyz [--method NAME] [--radius R] [--json]
+    python -m analysis fit plane scan.xyz [--method NAME] [--json]
+    python -m analysis tunnel EPOCH1 EPOCH2 [--spacing M] [--thickness M] [--registration M]
+                                            [--output DIR] [--json]
 
 Exit status 0: a result. 1: a result that did not converge. 2: no result, and one line on stderr
 says why.
@@ -11,11 +13,13 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import io
 import json
 import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,19 +33,19 @@ from .tunnel import command as tunnel
 
 @dataclass(frozen=True)
 class Surface:
-    """What can be fitted: its function and methods, its quantities by their names in the result,
-    and how a reader is told of them.
+    """A surface that can be fitted, and how its results are told.
 
+    quantities : their names in the result
     described : gives for a fit the label, value, unit, standard deviation and its unit of each
         quantity
-    held : parameters, lengths in m, that can be given instead of estimated
+    fixed : parameters, lengths in m, that can be given instead of estimated
     """
 
     fit: Callable[..., Fit]
     methods: Mapping[str, Method]
     quantities: tuple[str, ...]
-    described: Callable[[Fit], list[tuple[str, float, str, float, str]]]
-    held: tuple[str, ...] = ()
+    described: Callable[[Any], list[tuple[str, float, str, float, str]]]
+    fixed: tuple[str, ...] = ()
 
     @property
     def default(self) -> str:
@@ -89,10 +93,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _fit(options: argparse.Namespace) -> int:
     surface = SURFACES[options.surface]
-    held = {name: getattr(options, name) for name in surface.held}
+    fixed = {name: getattr(options, name) for name in surface.fixed}
     try:
         with ignore_convergence_warnings():  # the report says it
-            fit = surface.fit(read_points(options.file), options.method, **held)
+            fit = surface.fit(read_points(options.file), options.method, **fixed)
     except ValueError as error:
         raise ValueError(_after(options.file, str(error))) from error
     if options.json:
@@ -103,9 +107,7 @@ def _fit(options: argparse.Namespace) -> int:
 
 
 def report(fit: Fit, surface: Surface, file: str) -> str:
-    """The result for a reader: aligned plain text with units; a standard deviation that is not
-    defined is a dash.
-    """
+    """The result for a reader: aligned plain text with units, a dash for what is not defined."""
     method = surface.methods[fit.method]
     rows = [
         (label, f"{_number(value, '.5f')} {unit}", f"± {_number(deviation, '.3f')} {of_deviation}")
@@ -124,7 +126,7 @@ def report(fit: Fit, surface: Surface, file: str) -> str:
             "RMS distance of the points in use",
         ),
         ("points", f"{np.count_nonzero(fit.inliers)} of {len(fit.weights)}", "in use"),
-        ("iterations", f"{fit.iterations}", fit.stop_reason),
+        ("iterations", f"{fit.iterations}", str(fit.stop_reason)),
     ]
     width, indent = (max(len(row[column]) for row in rows) for column in (1, 0))
     lines = [f"{file}", f"{method.label} ({method.citation})", ""]
@@ -170,13 +172,16 @@ def _parser() -> argparse.ArgumentParser:
         command = surfaces.add_parser(
             name,
             help=f"fit a {name}",
-            description=f"Fit a {name} to the points of a scan and print its parameters with their standard deviations.",
-            epilog=f"methods:\n{listed}\n\nexit status: 0 a result, 1 a result that did not converge, 2 no result",
+            description=f"Fit a {name} to the points of a scan "
+            "and print its parameters with their standard deviations.",
+            epilog=f"methods:\n{listed}\n\nexit status: 0 a result, "
+            "1 a result that did not converge, 2 no result",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         command.add_argument(
             "file",
-            help="scan: x y z of one point a line (.xyz .txt .csv .pts .asc), or .las .laz .ply .e57; in m",
+            help="scan: x y z of one point a line (.xyz .txt .csv .pts .asc), "
+            "or .las .laz .ply .e57; in m",
         )
         command.add_argument(
             "--method",
@@ -185,12 +190,12 @@ def _parser() -> argparse.ArgumentParser:
             default=surface.default,
             help="one of the methods below (default: %(default)s)",
         )
-        for held in surface.held:
+        for parameter in surface.fixed:
             command.add_argument(
-                f"--{held}",
+                f"--{parameter}",
                 type=float,
                 metavar="R",
-                help=f"a known {held} in m, to be held (default: estimate it)",
+                help=f"a known {parameter} in m, to be held (default: estimate it)",
             )
         command.add_argument(
             "--json",
@@ -202,8 +207,8 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _number(value: float, form: str) -> str:
-    return format(value, form) if math.isfinite(value) else "–"
+def _number(value, form: str) -> str:
+    return format(float(value), form) if math.isfinite(value) else "–"
 
 
 def _plain(value):
@@ -215,7 +220,7 @@ def _plain(value):
 
 
 def _one_line(error: Exception) -> str:
-    """What went wrong, after the name of the file where the system knows it."""
+    """Message of an error, after the name of the file where the system knows it."""
     if isinstance(error, OSError) and error.strerror:
         return _after(str(error.filename), error.strerror) if error.filename else error.strerror
     return " ".join(str(error).split())
@@ -226,5 +231,6 @@ def _after(file: str, message: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.reconfigure(errors="replace")  # for a terminal without Greek letters
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # for a terminal without Greek letters
     sys.exit(main())

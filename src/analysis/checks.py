@@ -1,4 +1,7 @@
-"""What every fit asks of its input, with errors that name what was expected and what came."""
+"""Checks of input, with errors that name what was expected and what came.
+
+Functions that return arrays are named by them; those of single values begin with ``check_``.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,8 @@ def point_array(points, dimension: int, minimum: int, needed_for: str) -> np.nda
         raise ValueError(f"points: expected shape (…, n, {dimension}), got {array.shape}")
     if array.shape[-2] < minimum:
         raise ValueError(
-            f"points: expected at least {minimum} points for {needed_for}, got {array.shape[-2]} (shape {array.shape})"
+            f"points: expected at least {minimum} points for {needed_for}, "
+            f"got {array.shape[-2]} (shape {array.shape})"
         )
     if array.size == 0:
         raise ValueError(
@@ -92,7 +96,8 @@ def covariance_array(values, shape: tuple[int, ...], name: str) -> np.ndarray:
     except np.linalg.LinAlgError:
         smallest = np.linalg.eigvalsh(array)[..., 0].min()
         raise ValueError(
-            f"{name}: expected positive definite matrices, got a smallest eigenvalue of {smallest:.3g}"
+            f"{name}: expected positive definite matrices, "
+            f"got a smallest eigenvalue of {smallest:.3g}"
         ) from None
     return array
 

@@ -29,10 +29,10 @@ ARC_SECOND = np.pi / 648_000  # rad
 class Scanner:
     """A scanner: stochastic model, beam and reach.
 
-    name : what tables call it
+    name : its name in tables
     range_sd : σ_1 in m, of a range at perpendicular incidence
     angle_sd : σ_α in rad, of the direction in either sense across the beam
-    range_rate : k, the part of σ_ρ that grows with the range, m a m
+    range_rate : k, the part of σ_ρ that grows with the range, m per m
     azimuth_sd : σ_φ in rad; where given, ``angle_sd`` is that of the elevation η alone and across
         the beam horizontally the direction has ``cos(η) σ_φ``: full polar form, which has no
         cofactor for the zenith
@@ -85,11 +85,13 @@ class Scanner:
                 raise ValueError(f"{name}: expected a number not below 0, got {value:g}")
         if not 0 < self.max_incidence < 0.5 * np.pi:
             raise ValueError(
-                f"max_incidence: expected an angle between 0 and π/2 rad, got {self.max_incidence!r}"
+                "max_incidence: expected an angle between 0 and π/2 rad, "
+                f"got {self.max_incidence!r}"
             )
         if not self.max_range > self.min_range:
             raise ValueError(
-                f"max_range: expected more than min_range = {self.min_range:g} m, got {self.max_range!r}"
+                f"max_range: expected more than min_range = {self.min_range:g} m, "
+                f"got {self.max_range!r}"
             )
 
     def range_standard_deviation(self, ranges, cosines=1.0) -> np.ndarray:
@@ -97,7 +99,8 @@ class Scanner:
 
         Beyond ``max_incidence``, where the instrument returns nothing, σ_ρ stays what it is there.
 
-        >>> np.round(1e3 * LEICA_C10.range_standard_deviation(10.0, np.cos(np.deg2rad([0.0, 60.0, 80.0]))), 2)
+        >>> cosines = np.cos(np.deg2rad([0.0, 60.0, 80.0]))
+        >>> np.round(1e3 * LEICA_C10.range_standard_deviation(10.0, cosines), 2)
         array([2.  , 2.83, 4.8 ])
         """
         cosines = np.maximum(np.abs(cosines), np.cos(self.max_incidence))
@@ -107,8 +110,7 @@ class Scanner:
         )
 
     def cofactors(self, points, station=(0.0, 0.0, 0.0), normals=None) -> np.ndarray:
-        """Cofactors of scanned points, ``Q = σ_ρ² b bᵀ + ρ² (σ_h² h hᵀ + σ_v² v vᵀ)``, absolute
-        variances in m².
+        """Cofactors ``Q = σ_ρ² b bᵀ + ρ² (σ_h² h hᵀ + σ_v² v vᵀ)`` of scanned points.
 
         Parameters
         ----------
@@ -133,7 +135,8 @@ class Scanner:
         ranges = np.linalg.norm(vectors, axis=-1)
         if not ranges.all():
             raise ValueError(
-                f"points: expected points away from the station, got {np.count_nonzero(ranges == 0)} in it"
+                "points: expected points away from the station, "
+                f"got {np.count_nonzero(ranges == 0)} in it"
             )
         beams = vectors / ranges[..., None]
         roots = self.roots(beams, ranges, 1.0 if normals is None else _cosines(beams, normals))
@@ -154,7 +157,8 @@ class Scanner:
             sd_h = self.azimuth_sd * cos_elevation * ranges
         else:
             raise ValueError(
-                "points: expected points off the vertical axis of the station, where azimuth_sd means nothing, got some on it"
+                "points: expected points off the vertical axis of the station, "
+                "where azimuth_sd means nothing, got some on it"
             )
         roots[..., 0] = self.range_standard_deviation(ranges, cosines)[..., None] * beams
         roots[..., 1] = sd_h[..., None] * horizontal
@@ -163,8 +167,9 @@ class Scanner:
 
 
 def across(beams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors h (horizontal, towards growing azimuth) and v (upwards) across unit vectors (…,
-    3).
+    """Unit vectors h and v across unit vectors (…, 3).
+
+    h is horizontal, towards growing azimuth; v leads upwards.
 
     >>> [np.round(direction, 1) + 0.0 for direction in across(np.array([0.8, 0.0, 0.6]))]
     [array([0., 1., 0.]), array([-0.6,  0. ,  0.8])]
@@ -203,7 +208,8 @@ def _cosines(beams: np.ndarray, normals) -> np.ndarray:
     lengths = np.linalg.norm(normals, axis=-1)
     if not lengths.all():
         raise ValueError(
-            f"normals: expected vectors with a direction, got {np.count_nonzero(lengths == 0)} of length 0"
+            "normals: expected vectors with a direction, "
+            f"got {np.count_nonzero(lengths == 0)} of length 0"
         )
     return np.abs(np.einsum("...i,...i->...", beams, normals)) / lengths
 
@@ -220,10 +226,10 @@ LEICA_C10 = Scanner(
 spheres.
 
 The paper gives none of its numbers. These are nominal, from the manufacturer's data sheet as
-remembered, not looked up:
-12″ = 60 µrad a direction; beam of 7 mm (Gaussian) up to 50 m; reach 0.1 to 300 m. For σ_1 stand the
-2 mm of its "modelled surface precision", because the errors of one target's points differ by noise;
-the 4 mm of a single distance also contain what neighbouring points have in common.
+remembered, not looked up: 12″ = 60 µrad per direction; beam of 7 mm (Gaussian) up to 50 m; reach
+0.1 to 300 m. σ_1 is the 2 mm of its "modelled surface precision", because the errors of one
+target's points differ by noise; the 4 mm of a single distance also contain what neighbouring points
+have in common.
 """
 
 RIEGL_VZ400 = Scanner(

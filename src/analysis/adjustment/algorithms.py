@@ -24,7 +24,7 @@ from .steps import (
 
 @dataclass(frozen=True)
 class Algorithm:
-    """What tables call it, who described it, the colour it has in every figure, what computes it.
+    """An algorithm: its name in tables, its source, its colour in figures, its function.
 
     ``function(problem, x, tolerance=, max_iterations=, watch=)`` takes a stack of problems and
     starting values (B, m), and gives the solutions and a

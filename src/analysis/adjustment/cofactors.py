@@ -1,5 +1,4 @@
-"""What *the accuracy* of x means: three conventions of its cofactor, equal to first order in the
-errors.
+"""Three conventions of the cofactor of x, equal to first order in the errors.
 
 With the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ of A, ``B = A + (∂S/∂x)λ``, ``V = Σ λ² Q``
 and ``W = S⁻¹``:
@@ -28,8 +27,9 @@ from .steps import derivatives, misclosures
 def gauss_newton_cofactor(
     problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0
 ) -> np.ndarray:
-    """Cofactor ``(ÃᵀWÃ)⁻¹`` of x with the adjusted rows ``Ã = A − Ẽ``, (…, m, m); ``weights`` ω act
-    on whole rows.
+    """Cofactor ``(ÃᵀWÃ)⁻¹`` of x, (…, m, m), with the adjusted rows ``Ã = A − Ẽ``.
+
+    ``weights`` ω act on whole rows.
     """
     cofactors = problem.cofactors
     z, r = misclosures(problem, x)
@@ -45,8 +45,7 @@ def inverse_hessian_cofactor(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
 
 
 def propagated_cofactor(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """Cofactor ``H⁻¹ M H⁻¹`` of x at the solution, (…, m, m), by propagation through
-    ``∇Φ(x, ℓ) = 0``.
+    """Cofactor ``H⁻¹ M H⁻¹`` of x, (…, m, m), by propagation through ``∇Φ(x, ℓ) = 0``.
 
     A change of the data gives ``d(½∇Φ) = −BᵀW dr − dAᵀλ``. With the cofactors S of dr and V of
     dAᵀλ, and T between the two, that has the cofactor ``M = BᵀWB + BᵀWT + TᵀWB + V``.

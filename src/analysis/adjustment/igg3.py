@@ -1,9 +1,8 @@
-"""IGG III-WTLS, the robust weighted total least squares of Ou & Liu 2017, as printed and as it can
-be read.
+"""IGG III-WTLS, the robust weighted total least squares of Ou & Liu 2017, in all its readings.
 
 The algorithm takes one Schaffrin-Wieser step, measures the distances from the new surface, turns
-them into weight factors and multiplies the weights by them, until the parameters stand still. What
-the paper leaves open (the scale of the residuals, the exponent, the first weights) is a keyword.
+them into weight factors and multiplies the weights by them, until the parameters no longer change.
+What the paper leaves open (scale of the residuals, exponent, first weights) is a keyword.
 
 The paper has it for the sphere. Any surface with a :class:`Printed` problem can be fitted by it:
 one that gives the problem with its printed cofactors, the distances that belong to its misclosures
@@ -14,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -86,14 +85,17 @@ def igg3_wtls(
     max_iterations: int = 1000,
     history: bool = False,
 ) -> Fit:
-    """IGG III-WTLS as printed; each keyword is a place where the paper can be read in two ways.
+    """IGG III-WTLS as printed; each keyword is a place that can be read in more than one way.
 
     One Schaffrin-Wieser step with the current weights, distances from the new surface, weight
     factors ω(|d|/σ), new weights; until the step in the printed parameters X is below
     ``tolerance``. The defaults are the literal reading.
 
-    printed_problem : gives the :class:`Printed` problem of the cloud from its ``unit_weight``
-    scale : what σ in V/σ is: ``rms`` of all points (the plain meaning of the paper's term),
+    Parameters
+    ----------
+    cloud : stack of clouds of points
+    printed_problem : gives the :class:`Printed` problem of the cloud with the first P_X
+    scale : σ in V/σ: ``rms`` of all points (the plain meaning of the paper's term),
         ``rms_in`` of the points with weight, ``rms_w`` weighted, ``rms_wc`` weighted and made
         consistent at the normal law, ``mad`` the median absolute distance (times 1.4826 n/(n − 4)),
         ``unit`` the unit-weight standard deviation
@@ -120,20 +122,21 @@ def igg3_wtls(
     printed = printed_problem(cloud, base)
     problem = printed.problem
     # Step 2: X(0) weighted by Q_Y = w/P (sic) or P_Y, then X(1) by μ with ν = 0.
-    assert isinstance(problem.cofactors, CommonCofactors)
-    Q_Y = problem.cofactors.h
+    Q_Y = cast(CommonCofactors, problem.cofactors).h
     x = _weighted_solution(problem, Q_Y if start == "Q_Y" else 1.0 / Q_Y)
     x = _weighted_solution(problem, 1.0 / problem.cofactors.misclosure(misclosures(problem, x)[0]))
     iterations = []
 
     def advance(printed: Printed, state: State):
-        """Steps 3 to 7."""
+        # Step 3: a Schaffrin-Wieser step.
         weights = state.next_weights
         new = schaffrin_wieser_step(printed.problem, state.x, weights, (state.z, state.r))
         z, r = misclosures(printed.problem, new)
+        # Steps 4 to 6: distances, their scale, weight factors.
         distances = printed.distances(new, r)
         sigma = estimate_scale(printed, new, distances, weights, function)
         factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
+        # Step 7: has X changed?
         moved = printed.step(new - state.x)
         lost = ~np.isfinite(moved + sigma) | (
             np.count_nonzero(weights, axis=-1) < problem.parameters
@@ -147,8 +150,8 @@ def igg3_wtls(
         return state, {Ending.TOO_FEW_POINTS: lost, Ending.SMALL_PRINTED_STEP: moved < tolerance}
 
     ones = np.ones(cloud.points.shape[:2])
-    first = State(x, *misclosures(problem, x), ones, ones)
-    state, convergence = iterate(printed, first, advance, max_iterations, tolerance)
+    state = State(x, *misclosures(problem, x), ones, ones)
+    state, convergence = iterate(printed, state, advance, max_iterations, tolerance)
     x, weights = state.x, state.weights
     sigma_0 = unit_weight_sd(objective(problem, x, weights), cloud.count - problem.parameters)
     cofactor = gauss_newton_cofactor(problem, x, weights)
@@ -179,28 +182,18 @@ def _rms_weighted(printed, x, distances, weights, function):
 
 
 def _rms_weighted_consistent(printed, x, distances, weights, function):
-    return _rms_weighted(printed, x, distances, weights, function) / np.sqrt(
-        function.consistency_factor
-    )
+    spread = _rms_weighted(printed, x, distances, weights, function)
+    return spread / np.sqrt(function.consistency_factor)
 
 
 def _mad(printed, x, distances, weights, function):
-    n = distances.shape[-1]
-    return (
-        MAD_TO_SD
-        * np.median(np.abs(distances), axis=-1)
-        * n
-        / max(n - printed.problem.parameters, 1)
-    )
+    n, redundancy = distances.shape[-1], distances.shape[-1] - printed.problem.parameters
+    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(redundancy, 1)
 
 
 def _unit_weight(printed, x, distances, weights, function):
-    return (
-        unit_weight_sd(
-            objective(printed.problem, x, weights), distances.shape[-1] - printed.problem.parameters
-        )
-        / printed.length
-    )
+    redundancy = distances.shape[-1] - printed.problem.parameters
+    return unit_weight_sd(objective(printed.problem, x, weights), redundancy) / printed.length
 
 
 SCALES = {

@@ -20,7 +20,7 @@ FLAT = 0.01
 
 
 class Ending(Enum):
-    """How an iteration can end: whether it has converged, and the sentence that says so."""
+    """End of an iteration: whether it has converged, and the sentence that says so."""
 
     MAX_ITERATIONS = False, "not converged: still moving after {max_iterations} iterations"
     SINGULAR = False, "not converged: the normal equations became singular"
@@ -45,7 +45,7 @@ class Ending(Enum):
 
 @dataclass(frozen=True)
 class Stack:
-    """Base of dataclasses whose fields are arrays with the same leading axis, one entry per problem.
+    """Base of dataclasses whose fields are arrays with one leading axis, that of the problems.
 
     A mask or an index over that axis selects from, or writes to, all of them together.
     """
@@ -63,7 +63,7 @@ class Stack:
 
 @dataclass(frozen=True)
 class Convergence:
-    """How the iterations over a stack of problems ended.
+    """End of the iterations over a stack of problems.
 
     iterations, converged, stop_reason : (…) number, whether it has converged, a sentence
     """
@@ -83,7 +83,7 @@ class Convergence:
         return Convergence(**{name: values.reshape(lead) for name, values in vars(self).items()})
 
     def failed_where(self, wrong: np.ndarray, reason: str) -> Convergence:
-        """Not converged for this reason where ``wrong``, else as it is."""
+        """Not converged, for this reason, where ``wrong``; else unchanged."""
         return replace(
             self,
             converged=self.converged & ~wrong,
@@ -114,20 +114,19 @@ def iterate(
     """
     count = len(state)
     # made when one of several has ended: a single problem, which may be large, is never there twice
-    final = None
+    final: State | None = None
     active = np.arange(count)
     iterations = np.full(count, max_iterations)
     ending = np.full(count, Ending.MAX_ITERATIONS, dtype=object)
     for iteration in range(1, max_iterations + 1):
         state, endings = advance(problem, state)
-        masks = list(endings.values())
-        stopped = np.any(masks, axis=0) | (iteration == max_iterations)
+        stopped = np.any(list(endings.values()), axis=0) | (iteration == max_iterations)
         if stopped.any():
             ended = active[stopped]
             iterations[ended] = iteration
-            ending[ended] = np.select(masks, list(endings), Ending.MAX_ITERATIONS)[stopped]
+            for one, mask in reversed(endings.items()):  # so that the first comes last, and stays
+                ending[active[mask]] = one
             if len(ended) == count:
-                final = state
                 break
             if final is None:
                 final = type(state)(**{k: np.empty_like(v) for k, v in vars(state).items()})
@@ -140,7 +139,7 @@ def iterate(
         one: one.sentence.format(max_iterations=max_iterations, tolerance=tolerance)
         for one in set(ending)
     }
-    return final, Convergence(
+    return state if final is None else final, Convergence(
         iterations,
         np.array([one.converged for one in ending], dtype=bool),
         np.array([sentences[one] for one in ending], dtype=object),

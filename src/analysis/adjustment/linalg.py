@@ -1,4 +1,4 @@
-"""How well is it known: unit-weight standard deviation, RMS distance, cofactors of parameters.
+"""Precision of parameters: unit-weight standard deviation and cofactors; systems of equations.
 
 Nothing here knows a geometry. A *cofactor* is an unscaled covariance; the covariance is the
 cofactor times the square of the unit-weight standard deviation that belongs to it.
@@ -36,9 +36,7 @@ def cofactor_from_factor(R: np.ndarray) -> np.ndarray:
 
 
 def cofactor_from_normal(N: np.ndarray) -> np.ndarray:
-    """Cofactor ``N⁻¹`` of parameters from a symmetric normal matrix ``(…, m, m)``, symmetric to the
-    last bit.
-    """
+    """Cofactor ``N⁻¹`` of parameters from a normal matrix ``(…, m, m)``, exactly symmetric."""
     cofactor = solve(N, np.broadcast_to(np.eye(N.shape[-1]), N.shape))
     return 0.5 * (cofactor + cofactor.swapaxes(-1, -2))
 

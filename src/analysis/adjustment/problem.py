@@ -9,44 +9,75 @@ misclosure follows by propagation. Three structures of cofactors are known here:
 ========================  =============================================  =================
 class                     cofactor of the rows                           misclosure
 ========================  =============================================  =================
-:class:`CommonCofactors`  ``g_i C + h_i e eᵀ`` (e picks y)               O(1) a row
-:class:`RowCofactors`     any ``(m+1, m+1)`` matrix a row, rows free     O(m²) a row
+:class:`CommonCofactors`  ``g_i C + h_i e eᵀ`` (e picks y)               O(1) per row
+:class:`RowCofactors`     any ``(m+1, m+1)`` matrix per row, rows free   O(m²) per row
 :class:`DenseCofactors`   any ``(n(m+1), n(m+1))`` matrix                O(n³): reference
 ========================  =============================================  =================
 
 The Kronecker structure ``Q_A = Q_0 ⊗ Q_X`` with diagonal Q_X and Q_y is the first of them.
-Rows are stored one array a coordinate, ``(…, m+1, n)``: what is done to all points at once
+Rows are stored one array per coordinate, ``(…, m+1, n)``: what is done to all points at once
 then runs through contiguous memory.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from .linalg import solve
 
 
-class IndependentRows:
-    """What the structures with independent rows share: a misclosure cofactor s (…, n), one number a
-    row.
+class Cofactors(Protocol):
+    """A structure of the cofactors of the rows, as the solvers use it.
+
+    ``z = (−x, 1)`` (…, m+1) stands for the parameters, λ for the multipliers ``S⁻¹r`` (…, n).
     """
 
-    @staticmethod
-    def weigh(s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
+    def misclosure(self, z: np.ndarray) -> np.ndarray:
+        """Cofactor of the misclosures: its diagonal s (…, n), or the matrix S (…, n, n)."""
+        ...
+
+    def weigh(self, s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
         """``ω S⁻¹`` times each of the ``columns`` (…, k, n); ``weights`` ω (…, n) or 1."""
-        return columns * (weights / s)[..., None, :]
+        ...
 
     def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Predicted errors of A, ``ẽ = Q Bᵀ λ`` without its y part, (…, m, n)."""
+        ...
+
+    def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        """``−(∂S/∂x_j) λ``, (…, m, n), from the predicted errors."""
+        ...
+
+    def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """``Σ λ_i t_i Q_i``, (…, m+1, m+1); what only y has may be left out of its last element."""
+        ...
+
+    def __getitem__(self, keep) -> Cofactors:
+        """Those of some problems of a stack."""
+        ...
+
+
+class IndependentRows(ABC):
+    """Base of the structures with independent rows: one misclosure cofactor s (…, n) per row."""
+
+    @abstractmethod
+    def column_cofactors(self, z: np.ndarray) -> np.ndarray:
+        """``Q_i z`` without its y component, (…, m, n)."""
+
+    @staticmethod
+    def weigh(s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
+        return columns * (weights / s)[..., None, :]
+
+    def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         return self.column_cofactors(z) * multipliers[..., None, :]
 
     @staticmethod
     def slope(z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
-        """``−(∂S/∂x_j) λ``, (…, m, n), from the predicted errors: twice these, because each Q_i is
-        symmetric.
-        """
+        """``−(∂S/∂x_j) λ`` = 2ẽ, because each Q_i is symmetric."""
         return 2.0 * errors
 
 
@@ -55,7 +86,7 @@ class CommonCofactors(IndependentRows):
     """Cofactor of row i: ``g_i C + h_i e eᵀ``, with e the unit vector that picks y.
 
     C : (…, m+1, m+1) symmetric, the part common to all rows; exact columns are zero in it.
-    g : (…, n) or (…, 1), its factor a row (``Q_X`` of the Kronecker form).
+    g : (…, n) or (…, 1), its factor per row (``Q_X`` of the Kronecker form).
     h : (…, n) or (…, 1), what y has beyond it.
     """
 
@@ -68,30 +99,25 @@ class CommonCofactors(IndependentRows):
         return np.einsum("...i,...ij,...j->...", z, self.C, z)[..., None] * self.g + self.h
 
     def column_cofactors(self, z: np.ndarray) -> np.ndarray:
-        """``Q_i z`` without its y component, (…, m, n)."""
         return np.einsum("...ij,...j->...i", self.C, z)[..., :-1, None] * self.g[..., None, :]
 
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """``Σ λ_i t_i Q_i``, (…, m+1, m+1), without what h adds to its last element."""
-        return (
-            np.einsum("...n,...n,...n->...", multipliers, t, np.broadcast_to(self.g, t.shape))[
-                ..., None, None
-            ]
-            * self.C
-        )
+        """``Σ λ_i t_i Q_i`` without what h adds to its last element."""
+        g = np.broadcast_to(self.g, t.shape)
+        return np.einsum("...n,...n,...n->...", multipliers, t, g)[..., None, None] * self.C
 
     def transformed(self, L: np.ndarray) -> CommonCofactors:
-        """The cofactors of the rows ``L ℓ_i``; the last column of L must be a multiple of e, so
-        that h stays y's own.
+        """Cofactors of the rows ``L ℓ_i``.
+
+        The last column of L must be a multiple of e, so that h stays y's own.
         """
-        return CommonCofactors(
-            L @ self.C @ L.swapaxes(-1, -2), self.g, self.h * L[..., -1, -1, None] ** 2
-        )
+        h = self.h * L[..., -1, -1, None] ** 2
+        return CommonCofactors(L @ self.C @ L.swapaxes(-1, -2), self.g, h)
 
     def flattened(self, lead: tuple[int, ...]) -> CommonCofactors:
-        """The same, for a stack whose leading axes ``lead`` are made one."""
+        """Cofactors of the stack in which the leading axes ``lead`` are made one."""
         return CommonCofactors(
-            *(_flat(array, lead, core) for array, core in ((self.C, 2), (self.g, 1), (self.h, 1)))
+            _flat(self.C, lead, 2), _flat(self.g, lead, 1), _flat(self.h, lead, 1)
         )
 
     def __getitem__(self, keep) -> CommonCofactors:
@@ -126,11 +152,10 @@ class RowCofactors(IndependentRows):
 
 @dataclass(frozen=True)
 class DenseCofactors:
-    """Any joint cofactor of all rows: blocks ``Q[…, j, k]`` (n, n) = cov(column j, column k), y
-    last.
+    """Any joint cofactor of all rows, as blocks ``Q[…, j, k]`` (n, n) = cov(column j, column k).
 
-    The only place where an n×n matrix is formed: for problems correlated from row to row, and
-    to check the others.
+    Column m is y. The only place where an n×n matrix is formed: for problems correlated from row to
+    row, and to check the others.
     """
 
     Q: np.ndarray
@@ -153,24 +178,17 @@ class DenseCofactors:
 
     @staticmethod
     def weigh(S: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
-        """``S⁻¹`` times each of the ``columns``; correlated rows take no weights of their own, so ω
-        is 1.
-        """
+        """``S⁻¹`` times each of the ``columns``: correlated rows take no weights ω but 1."""
         return solve(S, columns.swapaxes(-1, -2)).swapaxes(-1, -2)
 
     def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        return np.einsum("...jkab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[
-            ..., :-1, :
-        ]
+        joint = np.einsum("...jkab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)
+        return joint[..., :-1, :]
 
     def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
         """``−(∂S/∂x_j) λ``, (…, m, n): the predicted errors and their transposed counterpart."""
-        return (
-            errors
-            + np.einsum("...kjab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)[
-                ..., :-1, :
-            ]
-        )
+        transposed = np.einsum("...kjab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)
+        return errors + transposed[..., :-1, :]
 
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
         return np.einsum("...a,...jkab,...b->...jk", multipliers, self.Q, t, optimize=True)
@@ -189,10 +207,10 @@ class DenseCofactors:
 
 @dataclass(frozen=True)
 class EIVProblem:
-    """Rows ``(…, m+1, n)`` of ``[A | y]``, one array a column, with the cofactors of their errors."""
+    """Rows ``(…, m+1, n)`` of ``[A | y]``, one array per column, with cofactors of their errors."""
 
     rows: np.ndarray
-    cofactors: CommonCofactors | RowCofactors | DenseCofactors
+    cofactors: Cofactors
 
     @property
     def count(self) -> int:
@@ -202,19 +220,12 @@ class EIVProblem:
     def parameters(self) -> int:
         return self.rows.shape[-2] - 1
 
-    def flattened(self) -> EIVProblem:
-        """The same stack with a single leading axis."""
-        lead = self.rows.shape[:-2]
-        return EIVProblem(
-            self.rows.reshape((-1,) + self.rows.shape[-2:]), self.cofactors.flattened(lead)
-        )
-
     def __getitem__(self, keep) -> EIVProblem:
         """The problems of a stack that ``keep`` (a mask over the leading axis) selects."""
         return EIVProblem(self.rows[keep], self.cofactors[keep])
 
 
 def _flat(array: np.ndarray, lead: tuple[int, ...], core: int) -> np.ndarray:
-    """``array`` with leading axes broadcast to ``lead`` and made one; its last ``core`` axes stay."""
+    """``array`` with its leading axes, all but ``core``, broadcast to ``lead`` and made one."""
     kept = array.shape[array.ndim - core :]
     return np.broadcast_to(array, lead + kept).reshape((-1,) + kept)

@@ -1,5 +1,4 @@
-"""Quasi-Newton minimisation of ``Φ(x) = rᵀS⁻¹r``: gradients only, the Hessian is learned on the
-way.
+"""Quasi-Newton minimisation of ``Φ(x) = rᵀS⁻¹r`` from gradients, which build up the Hessian.
 
     x⁺ = x + α d,    d = −H ∇Φ(x),    H ≈ (∇²Φ)⁻¹                  (Wu, Chen & Wang)
 
@@ -28,8 +27,9 @@ TRIALS = 60  # steps tried along a direction before it is given up
 
 
 def bfgs(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """``(I − ρ s vᵀ) H (I − ρ v sᵀ) + ρ s sᵀ`` with ``ρ = 1/(vᵀs)``, for the step s and the change
-    v of the gradient.
+    """``(I − ρ s vᵀ) H (I − ρ v sᵀ) + ρ s sᵀ`` with ``ρ = 1/(vᵀs)``.
+
+    s is the step and v the change of the gradient.
 
     Source: Broyden, Fletcher, Goldfarb and Shanno 1970; Nocedal & Wright 2006, eq. (6.17).
 
@@ -43,7 +43,7 @@ def bfgs(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def dfp(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """``H + s sᵀ/(sᵀv) − H v vᵀH/(vᵀHv)``, for the step s and the change v of the gradient.
+    """``H + s sᵀ/(sᵀv) − H v vᵀH/(vᵀHv)`` for the step s and the change v of the gradient.
 
     Source: Davidon 1959; Fletcher & Powell 1963; Nocedal & Wright 2006, eq. (6.15).
 
@@ -131,8 +131,9 @@ def minimise(
 def line_search(
     problem: EIVProblem, x, d, value, gradient, armijo: float = ARMIJO, curvature: float = CURVATURE
 ):
-    """Step lengths α (B,) along d that meet the strong Wolfe conditions, with
-    ``φ(α) = f(x + α d)``, f = Φ/2:
+    """Step lengths α (B,) along d that meet the strong Wolfe conditions.
+
+    With ``φ(α) = f(x + α d)``, f = Φ/2, they are
 
         φ(α) ≤ φ(0) + c1 α φ'(0)    and    |φ'(α)| ≤ c2 |φ'(0)|
 
@@ -179,11 +180,11 @@ def line_search(
 
 @np.errstate(divide="ignore", invalid="ignore")  # a bracket without an upper end is infinite
 def _next_trial(low: np.ndarray, high: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Where φ' should vanish: within the bracket, 0.1 of its width from its ends; with no upper end
-    yet, 2 to 10 times the lower.
+    """Step length at which φ' should vanish.
 
-    By the parabola through φ, φ' and φ where φ has risen, else (it has not, or rounding hides it)
-    by the secant of φ'.
+    Within the bracket, at least 0.1 of its width from its ends; with no upper end yet, 2 to 10
+    times the lower. By the parabola through φ, φ' and φ where φ has risen, else (it has not, or
+    rounding hides it) by the secant of φ'.
     """
     (a, phi, steep), (b, end_phi, end_steep) = low, high
     width = b - a

@@ -24,12 +24,16 @@ rounding.
 
 A step takes a problem or a stack of them and x (…, m), and returns x⁺; where N is singular, NaN.
 
->>> rows = np.array([[1.0, 1.0, 1.0, 1.0], [0.1, 0.9, 2.1, 2.9], [1.0, 3.1, 4.9, 7.1]])  # a line with errors in its 2nd column and in y
+A line with errors in the second column of A and in y:
+
+>>> from analysis.adjustment.problem import CommonCofactors
+>>> rows = np.array([[1.0, 1.0, 1.0, 1.0], [0.1, 0.9, 2.1, 2.9], [1.0, 3.1, 4.9, 7.1]])
 >>> problem = EIVProblem(rows, CommonCofactors(np.diag([0.0, 1.0, 0.0]), np.ones(4), np.ones(4)))
 >>> x = np.array([1.0, 2.0])
 >>> for _ in range(6):
 ...     x = newton_step(problem, x)
->>> max(float(np.abs(step(problem, x) - x).max()) for step in (schaffrin_wieser_step, shen_step, fang_step, mahboub_step)) < 1e-14
+>>> others = (schaffrin_wieser_step, shen_step, fang_step, mahboub_step)
+>>> bool(max(np.abs(step(problem, x) - x).max() for step in others) < 1e-14)
 True
 """
 
@@ -38,7 +42,7 @@ from __future__ import annotations
 import numpy as np
 
 from .linalg import solve
-from .problem import CommonCofactors, EIVProblem  # noqa: F401 - CommonCofactors is in the example above
+from .problem import EIVProblem
 
 HALVINGS = 20  # of a Gauss-Newton step that climbs; it leads downhill, so that a few are enough
 
@@ -50,22 +54,18 @@ def misclosures(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def objective(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0) -> np.ndarray:
-    """``Φ(x) = Σ ω r²/s`` (in dense form ``rᵀS⁻¹r``), the least weighted sum of squared errors that
-    x allows.
-    """
+    """``Φ(x) = Σ ω r²/s``, or ``rᵀS⁻¹r``: the least weighted sum of squared errors for x."""
     z, r = misclosures(problem, x)
-    multipliers = problem.cofactors.weigh(
-        problem.cofactors.misclosure(z), r[..., None, :], weights
-    )[..., 0, :]
+    s = problem.cofactors.misclosure(z)
+    multipliers = problem.cofactors.weigh(s, r[..., None, :], weights)[..., 0, :]
     return np.sum(multipliers * r, axis=-1)
 
 
 def value_and_gradient(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``Φ`` (…) and half its gradient ``½∇Φ = −Ãᵀλ`` (…, m)."""
     z, r = misclosures(problem, x)
-    multipliers = problem.cofactors.weigh(problem.cofactors.misclosure(z), r[..., None, :])[
-        ..., 0, :
-    ]
+    s = problem.cofactors.misclosure(z)
+    multipliers = problem.cofactors.weigh(s, r[..., None, :])[..., 0, :]
     adjusted = problem.rows[..., :-1, :] - problem.cofactors.errors(z, multipliers)
     return np.sum(multipliers * r, axis=-1), -_times(adjusted, multipliers)
 
@@ -75,6 +75,7 @@ def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
     ``½∇Φ = −(A − Ẽ)ᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``λ = S⁻¹r``, ``B = A − slope``,
     ``V = Σ λ² Q``.
+
     Source: Fang 2013, for independent rows; the slope is that of S in full.
     """
     m = problem.parameters
@@ -92,11 +93,10 @@ def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """One Newton step with the exact Hessian; where Φ would not fall a Gauss-Newton step, halved
-    until it does.
+    """One Newton step with the exact Hessian, or a Gauss-Newton step where Φ would not fall.
 
-    Far from the solution the Hessian need not be positive definite, and a Newton step can lead to a
-    saddle. A Gauss-Newton step always starts downhill.
+    That is halved until Φ falls. Far from the solution the Hessian need not be positive definite,
+    and a Newton step can lead to a saddle. A Gauss-Newton step always starts downhill.
     """
     value, gradient, hessian = derivatives(problem, x)
     step = -solve(hessian, gradient[..., None])[..., 0]
@@ -123,8 +123,7 @@ def schaffrin_wieser_step(
     ``W = ω/s``, ``t = r/s`` and ``[V v] = Σ ω t² Q_i`` (for the Kronecker form V = ν Q_0). Computed
     as the increment ``(AᵀWA − V)⁻¹ (AᵀWr + Vx − v)``, which is the same and loses less to rounding.
     Nothing is divided by ω, so a weight of zero takes its row out and leaves no NaN behind.
-    ``known`` are the
-    :func:`misclosures` at x where a caller has them already.
+    ``known`` are the :func:`misclosures` at x where a caller has them already.
 
     Source: Schaffrin & Wieser 2008; Ou & Liu 2017, eqs. (16)-(17), with V and v extended to any
     cofactors of the rows.
@@ -142,7 +141,7 @@ def schaffrin_wieser_step(
 
 
 def shen_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """One Gauss-Newton step ``x⁺ = x + (ÃᵀWÃ)⁻¹ ÃᵀWr``; the same as of Gauss-Helmert adjustment.
+    """One Gauss-Newton step ``x⁺ = x + (ÃᵀWÃ)⁻¹ ÃᵀWr``; that of Gauss-Helmert adjustment.
 
     Source: Shen, Li & Chen 2011; Neitzel 2010.
     """
@@ -157,6 +156,7 @@ def amiri_simkooei_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
 
     In exact arithmetic it is :func:`shen_step`, because ``ỹ − Ãx = r``; here as its authors print
     it.
+
     Source: Amiri-Simkooei & Jazaeri 2012.
     """
     columns, errors, s, _ = _adjustment(problem, x)
@@ -190,9 +190,7 @@ def mahboub_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
 def _adjustment(
     problem: EIVProblem, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """At x: the columns of A and their predicted errors (…, m, n), the cofactor of the misclosures,
-    the multipliers (…, n).
-    """
+    """Columns of A and their predicted errors (…, m, n), misclosure cofactor s, multipliers λ."""
     z, r = misclosures(problem, x)
     s = problem.cofactors.misclosure(z)
     multipliers = problem.cofactors.weigh(s, r[..., None, :])[..., 0, :]

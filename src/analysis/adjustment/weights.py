@@ -17,6 +17,8 @@ Yang, Song & Xu (2002), Journal of Geodesy 76, 353-358.
 Zhou (1989), Acta Geodaetica et Cartographica Sinica 18, 115-120.
 """
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
@@ -52,11 +54,11 @@ def _magnitude(u):
     return np.abs(u, out=np.empty(np.shape(u)))
 
 
+@dataclass(frozen=True)
 class WeightFunction(ABC):
-    """An even loss ρ with its derivatives ψ and ψ′, its weight ω and its constants at the standard
-    normal law.
+    """An even loss ρ, its derivative ψ, its weight ω and its constants at the normal law.
 
-    The four functions take u of any shape; 0 and ±∞ are allowed, and NaN stays NaN.
+    The functions take u of any shape; 0 and ±∞ are allowed, and NaN stays NaN.
 
     >>> huber = WEIGHT_FUNCTIONS["huber"]
     >>> huber.psi([-9.0, 0.5, math.inf])
@@ -66,20 +68,9 @@ class WeightFunction(ABC):
     """
 
     @property
-    def kinks(self):
-        """The values of |u|, ascending, between which ψ is smooth: the thresholds, which are the
-        float fields.
-        """
-        return tuple(
-            getattr(self, field.name) for field in fields(self) if field.type in (float, "float")
-        )
-
-    @property
-    def support(self):
-        """The rejection point: ω(u) = 0 from |u| = support on. Infinite if no residual is rejected
-        outright.
-        """
-        return self.kinks[-1]
+    def kinks(self) -> tuple[float, ...]:
+        """The thresholds, which are the float fields, ascending; between them ψ is smooth."""
+        return tuple(getattr(self, field.name) for field in fields(self) if field.type == "float")
 
     def rho(self, u):
         """The loss ρ(u); it is 0 at 0 and behaves like u²/2 there."""
@@ -90,44 +81,43 @@ class WeightFunction(ABC):
         u = np.clip(np.asarray(u, dtype=float), -1e300, 1e300)  # because ∞·0 is not a number
         return u * self.weight(u)
 
-    def psi_prime(self, u):
-        """The slope ψ′(u): at a kink the one on the outer side, at a jump of ψ without the jump."""
-        return self._psi_prime(_magnitude(u))[()]
-
     def weight(self, u):
         """The factor ω(u) = ψ(u)/u; it falls from 1 at u = 0 and is never negative."""
         return self._weight(_magnitude(u))[()]
 
     @property
-    def mean_weight(self):
+    def mean_weight(self) -> float:
         """E[ω] for normal u."""
         return _normal_means(self)[0]
 
     @property
-    def mean_psi_prime(self):
-        """E[ψ′] for normal u, computed as E[uψ] = E[ωu²] (Stein's lemma), so that a jump of ψ
-        counts.
-        """
+    def mean_psi_prime(self) -> float:
+        """E[ψ′] for normal u as E[uψ] = E[ωu²] (Stein's lemma), so that a jump of ψ counts."""
         return _normal_means(self)[1]
 
     @property
-    def mean_psi_squared(self):
+    def mean_psi_squared(self) -> float:
         """E[ψ²] for normal u."""
         return _normal_means(self)[2]
 
     @property
-    def efficiency(self):
-        """(E[ψ′])²/E[ψ²]: the variance of least squares over that of the M-estimator, for normal
-        errors.
-        """
+    def efficiency(self) -> float:
+        """(E[ψ′])²/E[ψ²]: for normal errors, variance of least squares over that with ω."""
         return self.mean_psi_prime**2 / self.mean_psi_squared
 
     @property
-    def consistency_factor(self):
-        """κ = E[ωu²]/E[ω]: for normal errors Σ ωV²/(κ Σ ω) tends to σ², where Σ ωV²/Σ ω is too
-        small.
-        """
+    def consistency_factor(self) -> float:
+        """κ = E[ωu²]/E[ω]: for normal errors Σ ωV²/(κ Σ ω) tends to σ²; Σ ωV²/Σ ω is too small."""
         return self.mean_psi_prime / self.mean_weight
+
+    @property
+    def covariance_factor(self) -> float:
+        """E[ω]E[ψ²]/E[ψ′]²: that of σ²(Σ ω JᵀJ)⁻¹, the covariance of the M-estimator.
+
+        Σ ω JᵀJ estimates E[ω] times the normal matrix of the good points.
+        Source: Huber 1981, section 7.6.
+        """
+        return self.mean_weight * self.mean_psi_squared / self.mean_psi_prime**2
 
     def _require(self, satisfied, rule):
         if not satisfied:
@@ -139,24 +129,23 @@ class WeightFunction(ABC):
     def _rho(self, t): ...
 
     @abstractmethod
-    def _psi_prime(self, t): ...
-
-    @abstractmethod
     def _weight(self, t): ...
 
 
 @cache  # equal functions share them: the quadrature takes longer than a small adjustment
 def _normal_means(function: WeightFunction) -> tuple[float, float, float]:
-    """E[ω], E[ωu²] and E[ψ²] for normal u, by adaptive quadrature from kink to kink, up to 40,
-    where the density is 0.
+    """E[ω], E[ωu²] and E[ψ²] for normal u, by adaptive quadrature from kink to kink.
+
+    It goes up to 40, where the density is 0.
     """
     edges = [0.0, *(kink for kink in function.kinks if kink < 40.0), 40.0]
 
     def mean(f) -> float:
+        def integrand(u):
+            return f(u) * math.exp(-u * u / 2)
+
         pieces = [
-            quad(
-                lambda u: f(u) * math.exp(-u * u / 2), *piece, epsabs=1e-13, epsrel=1e-12, limit=200
-            )[0]
+            quad(integrand, *piece, epsabs=1e-13, epsrel=1e-12, limit=200)[0]
             for piece in pairwise(edges)
         ]
         return float(math.sqrt(2 / math.pi) * sum(pieces))
@@ -198,11 +187,6 @@ class IGG3(WeightFunction):
         n = self.power + 1
         return np.minimum(t, self.k0) ** 2 / 2 + self.k0 * width / n * (1 - left**n)
 
-    def _psi_prime(self, t):
-        width = self.k1 - self.k0
-        falling = -self.power * self.k0 / width * ((self.k1 - t) / width) ** (self.power - 1)
-        return np.select([t < self.k0, t < self.k1, t >= self.k1], [1.0, falling, 0.0], np.nan)
-
     def _weight(self, t):
         # The inner loop of every robust fit: one branch serves all t once they are clipped to it.
         # It is exactly 1 at k0, where numerator and denominator are the same number, and exactly 0
@@ -230,17 +214,14 @@ class IGG1(WeightFunction):
     array([1.  , 0.75, 0.  ])
     """
 
-    k0: float = 1.5
-    k1: float = 2.5
+    k0: float = PRINTED_THRESHOLDS[0]
+    k1: float = PRINTED_THRESHOLDS[1]
 
     def __post_init__(self):
         self._require(0 < self.k0 < self.k1 < math.inf, "0 < k0 < k1 < ∞")
 
     def _rho(self, t):
         return np.minimum(t, self.k0) ** 2 / 2 + self.k0 * (np.clip(t, self.k0, self.k1) - self.k0)
-
-    def _psi_prime(self, t):
-        return np.select([t < self.k0, t >= self.k0], [1.0, 0.0], np.nan)
 
     def _weight(self, t):
         return np.where(t >= self.k1, 0.0, self.k0 / np.maximum(t, self.k0))
@@ -257,7 +238,6 @@ class Huber(WeightFunction):
     """
 
     c: float = 1.345
-    support = math.inf
 
     def __post_init__(self):
         self._require(0 < self.c < math.inf, "0 < c < ∞")
@@ -265,17 +245,13 @@ class Huber(WeightFunction):
     def _rho(self, t):
         return np.minimum(t, self.c) ** 2 / 2 + self.c * (np.maximum(t, self.c) - self.c)
 
-    def _psi_prime(self, t):
-        return np.select([t < self.c, t >= self.c], [1.0, 0.0], np.nan)
-
     def _weight(self, t):
         return self.c / np.maximum(t, self.c)
 
 
 @dataclass(frozen=True)
 class Hampel(WeightFunction):
-    """Hampel's three parts: ψ = t if t < a, a if a ≤ t < b, a·(c − t)/(c − b) if b ≤ t < c, 0 if t
-    ≥ c.
+    """Hampel: ψ = t if t < a, a if t < b, a·(c − t)/(c − b) if t < c, 0 if t ≥ c.
 
     Hampel et al. (1986). Raises ValueError unless 0 < a ≤ b < c < ∞.
 
@@ -297,10 +273,6 @@ class Hampel(WeightFunction):
         level = self.a * (np.clip(t, self.a, self.b) - self.a)
         falling = self.a * (self.c - self.b) / 2 * (1 - self._left(t) ** 2)
         return np.minimum(t, self.a) ** 2 / 2 + level + falling
-
-    def _psi_prime(self, t):
-        branches = [t < self.a, t < self.b, t < self.c, t >= self.c]
-        return np.select(branches, [1.0, 0.0, -self.a / (self.c - self.b), 0.0], np.nan)
 
     def _weight(self, t):
         return self.a / np.maximum(t, self.a) * self._left(t)
@@ -329,10 +301,6 @@ class Bisquare(WeightFunction):
         # c²/6·(1 − (1 − z²)³) without cancellation near 0
         return self.c**2 / 6 * z2 * (3 - 3 * z2 + z2**2)
 
-    def _psi_prime(self, t):
-        z2 = self._squared(t)
-        return (1 - z2) * (1 - 5 * z2)
-
     def _weight(self, t):
         return (1 - self._squared(t)) ** 2
 
@@ -349,7 +317,6 @@ class Danish(WeightFunction):
     """
 
     c: float = 2.0
-    support = math.inf
 
     def __post_init__(self):
         self._require(0 < self.c < math.inf, "0 < c < ∞")
@@ -359,10 +326,6 @@ class Danish(WeightFunction):
 
     def _rho(self, t):
         return np.minimum(t, self.c) ** 2 / 2 - self.c**2 / 2 * np.expm1(self._exponent(t))
-
-    def _psi_prime(self, t):
-        exponent = self._exponent(t)
-        return np.where(t < self.c, 1.0, (2 * exponent - 1) * np.exp(exponent))
 
     def _weight(self, t):
         return np.exp(self._exponent(t))

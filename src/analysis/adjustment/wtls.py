@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +22,12 @@ from .linalg import cofactor_from_factor, cofactor_from_normal, propagate, solve
 from .problem import CommonCofactors, DenseCofactors, EIVProblem, RowCofactors
 from .steps import misclosures, objective
 
+Structure = CommonCofactors | RowCofactors | DenseCofactors
+
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """How an iteration went, its start included as number 0.
+    """Course of an iteration, with its start as number 0.
 
     x : (k+1, m) parameters; objective : (k+1,) Φ there
     trials : (k+1,) steps tried along the direction of search; 1 for an algorithm that does not
@@ -76,16 +79,19 @@ def triangular_factor(blocks: Iterable[np.ndarray]) -> np.ndarray:
     >>> bool(np.allclose(R.T @ R, A.T @ A))
     True
     """
-    factors = [np.linalg.qr(block, mode="r") for block in blocks]
+    factors = [_triangle(block) for block in blocks]
     if len(factors) == 1 and factors[0].shape[-2] >= factors[0].shape[-1]:
         return factors[0]
     stacked = np.concatenate(factors, axis=-2)
     missing = stacked.shape[-1] - stacked.shape[-2]
     if missing > 0:  # fewer rows than columns: rows of zeros change no product
-        stacked = np.concatenate(
-            [stacked, np.zeros(stacked.shape[:-2] + (missing, stacked.shape[-1]))], axis=-2
-        )
-    return np.linalg.qr(stacked, mode="r")
+        zeros = np.zeros(stacked.shape[:-2] + (missing, stacked.shape[-1]))
+        stacked = np.concatenate([stacked, zeros], axis=-2)
+    return _triangle(stacked)
+
+
+def _triangle(rows: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def ls(A, y, weights=None) -> Estimate:
@@ -135,8 +141,7 @@ def tls(A, y) -> Estimate:
 
 
 def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
-    """Mixed LS-TLS, ``min Σ r² / (1 + |x₂|²)``: some columns of A are exact, the others have
-    errors.
+    """Mixed LS-TLS, ``min Σ r² / (1 + |x₂|²)``: some columns of A are exact, the others are not.
 
     QR with the exact columns first, TLS on what is left of the others and y, back substitution.
 
@@ -181,9 +186,7 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
 
 
 def smallest_singular_solution(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``x = −v[:m]/v[m]`` and ``σ²`` for the smallest singular value σ of ``[A | y]`` = (…, k,
-    m+1).
-    """
+    """``x = −v[:m]/v[m]`` and ``σ²`` for the smallest singular value of ``[A | y]`` (…, k, m+1)."""
     _, singular, Vt = np.linalg.svd(R)
     v = Vt[..., -1, :]
     # v[m] = 0: the nongeneric case, x is not finite
@@ -212,8 +215,7 @@ def wtls(
     tolerance: float = 1e-14,
     max_iterations: int = 500,
 ) -> Estimate:
-    """Weighted total least squares, ``min e_yᵀQ_y⁻¹e_y + vec(E_A)ᵀQ_A⁻¹vec(E_A)`` with any
-    cofactors.
+    """Weighted total least squares, ``min e_yᵀQ_y⁻¹e_y + vec(E_A)ᵀQ_A⁻¹vec(E_A)``.
 
     The cofactors may be singular (a zero variance makes an element exact). They are given in
     one of three ways; the first two are O(n):
@@ -248,15 +250,14 @@ def wtls(
     Liu 2017, eqs. (1)-(5).
 
     >>> x = np.array([0.0, 1.0, 2.0, 3.0])
-    >>> line = wtls(np.column_stack([np.ones(4), x]), 1 + 2 * x, Q_0=np.diag([0.0, 1.0]), Q_X=np.ones(4))
+    >>> A = np.column_stack([np.ones(4), x])
+    >>> line = wtls(A, 1 + 2 * x, Q_0=np.diag([0.0, 1.0]), Q_X=np.ones(4))
     >>> line.x.round(12), bool(line.converged)
     (array([1., 2.]), True)
     """
     chosen = ALGORITHMS[check_one_of(algorithm, ALGORITHMS, "algorithm")]
-    if (
-        check_one_of(H_0, ("gauss_newton", "identity"), "H_0") == "identity"
-        and not chosen.takes_H_0
-    ):
+    check_one_of(H_0, ("gauss_newton", "identity"), "H_0")
+    if H_0 == "identity" and not chosen.takes_H_0:
         raise ValueError(
             f"H_0: expected 'identity' with bfgs or dfp only, got it with {algorithm!r}"
         )
@@ -269,17 +270,20 @@ def wtls(
         raise ValueError(
             f"history: expected one problem (n, m), got a stack of shape {np.shape(A)}"
         )
-    problem = EIVProblem(rows, _cofactors(rows.shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors))
-    n, m = problem.count, problem.parameters
-    problem, root, start = _orthonormal(problem)
+    cofactors = _cofactors(rows.shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors)
+    n, m = rows.shape[-1], rows.shape[-2] - 1
+    rows, cofactors, root, start = _orthonormal(rows, cofactors)
+    problem = EIVProblem(rows, cofactors)
     _require_errors(problem, start)
 
-    options = {"tolerance": tolerance, "max_iterations": max_iterations}
-    if history:
-        options["watch"] = trace = _Trace(start)
+    trace = _Trace(start) if history else None
+    options: dict[str, Any] = {"tolerance": tolerance, "max_iterations": max_iterations}
+    if trace:
+        options["watch"] = trace
     if H_0 == "identity":  # of Φ and x, hence 2 R Rᵀ of Φ/2 and R x
         options["H_0"] = 2.0 * cofactor_from_factor(root).reshape(-1, m, m)
-    scaled, convergence = chosen.function(problem.flattened(), start.reshape(-1, m), **options)
+    stack = EIVProblem(rows.reshape(-1, m + 1, n), cofactors.flattened(lead))
+    scaled, convergence = chosen.function(stack, start.reshape(-1, m), **options)
     scaled = scaled.reshape(lead + (m,))
     convergence = only_minima(problem, scaled, convergence.reshape(lead))
     # a lost problem is reported by its ending
@@ -290,25 +294,27 @@ def wtls(
             cofactor=propagate(cofactor_of(problem, scaled), root),
             objective=phi,
             sigma_0=unit_weight_sd(phi, n - m),
-            history=trace.history(problem, root) if history else None,
+            history=trace.history(problem, root) if trace else None,
             **{name: values[()] for name, values in vars(convergence).items()},
         )
 
 
-def _orthonormal(problem: EIVProblem) -> tuple[EIVProblem, np.ndarray, np.ndarray]:
-    """The problem with orthonormal columns of A, which makes every later system well conditioned:
-    ``A x = (A R⁻¹)(R x)``.
+def _orthonormal(
+    rows: np.ndarray, cofactors: Structure
+) -> tuple[np.ndarray, Structure, np.ndarray, np.ndarray]:
+    """Rows and cofactors with orthonormal columns of A, ``A x = (A R⁻¹)(R x)``.
 
-    Also ``R⁻¹``, which leads back to x, and the least-squares solution R x to start from.
+    They make every later system well conditioned. Also ``R⁻¹``, which leads back to x, and the
+    least-squares solution R x to start from.
     """
-    m = problem.parameters
-    R = triangular_factor(_weighted_blocks(problem.rows, None))
+    m = rows.shape[-2] - 1
+    R = triangular_factor(_weighted_blocks(rows, None))
     _require_full_rank(R[..., :m, :m])
     root = solve(R[..., :m, :m], np.broadcast_to(np.eye(m), R.shape[:-2] + (m, m)))
     L = np.zeros(R.shape[:-2] + (m + 1, m + 1))
     L[..., :m, :m] = root.swapaxes(-1, -2)
     L[..., m, m] = 1.0
-    return EIVProblem(L @ problem.rows, problem.cofactors.transformed(L)), root, R[..., :m, m]
+    return L @ rows, cofactors.transformed(L), root, R[..., :m, m]
 
 
 class _Trace:
@@ -333,7 +339,7 @@ class _Trace:
 
 
 def _rows(A, y) -> np.ndarray:
-    """``[A | y]`` as ``(…, m+1, n)``, checked; a copy, one array a column."""
+    """``[A | y]`` as ``(…, m+1, n)``, checked; a copy, one array per column."""
     A, y = finite_array(A, "A"), finite_array(y, "y")
     if A.ndim < 2 or A.shape[-2] < A.shape[-1] or 0 in A.shape:
         raise ValueError(f"A: expected shape (…, n, m) with n ≥ m ≥ 1, got {A.shape}")
@@ -363,56 +369,58 @@ def _require_full_rank(R: np.ndarray) -> None:
     smallest = np.linalg.svd(scaled, compute_uv=False)[..., -1]
     if np.any(smallest < 16 * np.finfo(float).eps):
         raise ValueError(
-            f"A: expected independent columns, got a smallest singular value of {smallest.min():.1g} for unit columns"
+            "A: expected independent columns, "
+            f"got a smallest singular value of {smallest.min():.1g} for unit columns"
         )
 
 
 def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
-    """Every misclosure must have a variance of its own: rows without any error cannot all be met."""
+    """Refuse misclosures without a variance of their own: they cannot all be zero."""
     s = problem.cofactors.misclosure(misclosures(problem, x)[0])
     dense = isinstance(problem.cofactors, DenseCofactors)
     variances = np.diagonal(s, axis1=-2, axis2=-1) if dense else s
     if not (variances > 0).all():
         raise ValueError(
-            f"cofactors: expected an error in every row, got rows whose misclosure has a variance of {variances.min():.3g}"
+            "cofactors: expected an error in every row, "
+            f"got rows whose misclosure has a variance of {variances.min():.3g}"
         )
     if dense:
         roots = np.sqrt(variances)
         smallest = np.linalg.eigvalsh(s / (roots[..., :, None] * roots[..., None, :]))[..., 0].min()
         if smallest < 16 * np.finfo(float).eps:
             raise ValueError(
-                f"cofactors: expected misclosures with a positive definite correlation matrix, got a smallest eigenvalue of {smallest:.3g}"
+                "cofactors: expected misclosures with a positive definite correlation matrix, "
+                f"got a smallest eigenvalue of {smallest:.3g}"
             )
 
 
-def _cofactors(
-    shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors
-) -> CommonCofactors | RowCofactors | DenseCofactors:
+def _cofactors(shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors) -> Structure:
     """The structure that the given cofactors have, for rows of ``shape`` (…, m+1, n)."""
     *lead, columns, n = shape
     m = columns - 1
+    # 1. one matrix per row, and nothing else
     if row_cofactors is not None:
         if any(other is not None for other in (Q_y, Q_A, Q_Ay, Q_0, Q_X)):
             raise ValueError(
                 "row_cofactors: expected alone, got it together with Q_y, Q_A, Q_Ay, Q_0 or Q_X"
             )
-        Q = _symmetric(
-            row_cofactors, [(n, m + 1, m + 1), (*lead, n, m + 1, m + 1)], "row_cofactors"
-        )
+        allowed = [(n, m + 1, m + 1), (*lead, n, m + 1, m + 1)]
+        Q = _symmetric(row_cofactors, allowed, "row_cofactors")
         return RowCofactors(np.broadcast_to(Q, (*lead, n, m + 1, m + 1)))
     if (Q_0 is None) != (Q_X is None):
         raise ValueError("Q_0 and Q_X: expected both or none, got one of them")
     if Q_A is not None and Q_0 is not None:
         raise ValueError("Q_A: expected either Q_A or Q_0 with Q_X, got both")
+    # 2. Q_0 ⊗ Q_X with diagonal Q_X and Q_y; without Q_0 the design matrix is exact
     Q_0 = np.zeros((m, m)) if Q_0 is None else _symmetric(Q_0, [(m, m)], "Q_0")
     Q_X = np.zeros(n) if Q_X is None else _variances(Q_X, n, "Q_X")
     Q_y = np.ones(n) if Q_y is None else _variances(Q_y, n, "Q_y")
     if Q_A is None and Q_Ay is None and Q_X.ndim == 1 and Q_y.ndim == 1:
         C = np.zeros((*lead, m + 1, m + 1))
         C[..., :m, :m] = Q_0
-        return CommonCofactors(
-            C, np.broadcast_to(Q_X, (*lead, n)), np.broadcast_to(Q_y, (*lead, n))
-        )
+        g, h = (np.broadcast_to(Q, (*lead, n)) for Q in (Q_X, Q_y))
+        return CommonCofactors(C, g, h)
+    # 3. in full: Q_A given or Q_0 ⊗ Q_X, with Q_Ay or without
     full = [np.diag(Q) if Q.ndim == 1 else Q for Q in (Q_X, Q_y)]
     Q_A = np.kron(Q_0, full[0]) if Q_A is None else _symmetric(Q_A, [(n * m, n * m)], "Q_A")
     Q_Ay = np.zeros((n * m, n)) if Q_Ay is None else finite_array(Q_Ay, "Q_Ay")
@@ -443,7 +451,8 @@ def _symmetric(values, shapes: list[tuple[int, ...]], name: str) -> np.ndarray:
     if not np.allclose(array, transposed, rtol=1e-9, atol=1e-12 * np.abs(array).max()):
         difference = np.abs(array - transposed).max()
         raise ValueError(
-            f"{name}: expected symmetric matrices, got a difference of {difference:.3g} to the transpose"
+            f"{name}: expected symmetric matrices, "
+            f"got a difference of {difference:.3g} to the transpose"
         )
     smallest = np.diagonal(array, axis1=-2, axis2=-1).min()
     if smallest < 0:

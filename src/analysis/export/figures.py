@@ -1,6 +1,6 @@
-"""Figures: one look for all, one way to publish, one file for the figures of each notebook.
+"""One look for all figures, and ways to publish them.
 
-The only importer of matplotlib. A figure answers the question its title states; what it shows is
+A figure answers the question its title states; what it shows is
 exported beside it as a table of the same name, which tests compare.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import pandas as pd
@@ -17,15 +18,14 @@ from matplotlib.figure import Figure
 from . import tables
 from .files import replacing
 
-COLUMN = 3.5  # inches, the width of a journal's column
-PAGE = 7.2  # inches, the width of its page
+PAGE = 7.2  # inches, the width of a journal's page
 
 # Okabe & Ito's colours for what is not a method; methods have theirs in methods.py.
 TRUTH = "#000000"
 GROSS = "#D55E00"
 GREY = "#8C8C8C"
 
-STYLE = {
+STYLE: Any = {  # matplotlib types each key by itself
     "font.size": 8.5,
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
@@ -56,8 +56,9 @@ UNDATED = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
 def new(rows: int = 1, columns: int = 1, *, width: float = PAGE, height: float = 3.0, **options):
-    """A figure and its axes in the project's style, ``height`` and ``width`` in inches; options as
-    ``pyplot.subplots``.
+    """A figure and its axes in the project's style.
+
+    ``height`` and ``width`` are in inches, the options those of ``pyplot.subplots``.
     """
     return pyplot.subplots(rows, columns, figsize=(width, height), layout="constrained", **options)
 
@@ -70,8 +71,9 @@ def headed(figure, title: str, handles=(), columns: int = 1) -> None:
 
 
 def into(folder: Path) -> Publish:
-    """A ``publish`` that writes ``<stem>.png``, ``.svg`` and ``.csv`` into a folder anywhere and
-    closes the figure.
+    """A ``publish`` that writes ``<stem>.png``, ``.svg`` and ``.csv`` into a folder.
+
+    It closes the figure.
     """
 
     def publish_there(figure: Figure, stem: str, data: pd.DataFrame) -> None:

@@ -21,7 +21,7 @@ MISSING = "–"
 
 
 def save(frame: pd.DataFrame, path: Path, *, float_format: str = "%.9g") -> Path:
-    """The same into a file anywhere, as a user of the command line asks for."""
+    """Write ``frame`` to a CSV file and return its path; floats as ``float_format`` says."""
     # pandas applies float_format to columns of floats only, not to floats among objects.
     mixed = {
         name: frame[name].map(

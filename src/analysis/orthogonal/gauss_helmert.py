@@ -206,9 +206,8 @@ def _adjust(
     end, convergence = iterate(points, start, advance, max_iterations)
     if function is None:
         return Adjustment(end.x, end.cofactor, end.last_found, None, convergence)
-    # Σω JᵀJ/v estimates E[ω] times the normal matrix of the good points.
-    factor = function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
-    return Adjustment(end.x, factor * end.cofactor, end.last_found, end.weights, convergence)
+    cofactor = function.covariance_factor * end.cofactor
+    return Adjustment(end.x, cofactor, end.last_found, end.weights, convergence)
 
 
 def _reweigh(function: WeightFunction, state: _State, weights: Array) -> Callable:

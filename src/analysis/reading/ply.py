@@ -1,6 +1,7 @@
 """Stanford's format of polygons, of which the vertices are the points."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,4 +10,5 @@ def read_ply(path: Path) -> np.ndarray:
     """Points (n, 3) of a .ply file; without processing, which would merge points at one place."""
     import trimesh
 
-    return trimesh.load(path, file_type="ply", process=False).vertices
+    geometry: Any = trimesh.load(path, file_type="ply", process=False)
+    return geometry.vertices

@@ -17,7 +17,7 @@ COMMENTS = ("#", "//")
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a text file is laid out: found in its head, true for all of it."""
+    """Layout of a text file: found in its head, true for all of it."""
 
     first_line: int  # line of the first point, counted from 1
     separator: str | None  # None: blanks

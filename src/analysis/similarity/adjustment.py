@@ -39,7 +39,8 @@ def fit_similarity(
     """Similarity ``X = t + μ R x`` from pairs of points in two frames, with any rotation.
 
     ``min Σ rᵀ(Q_X + μ² R Q_x Rᵀ)⁻¹ r`` of the misclosures ``r = X − t − μ R x``, by Gauss-Helmert
-    iterations from the solution by SVD. For isotropic cofactors in a constant proportion R does not depend on how the errors are shared between the frames, and μ solves
+    iterations from the solution by SVD. For isotropic cofactors in a constant proportion R does not
+    depend on how the errors are shared between the frames, and μ solves
     ``C σ_x² μ² + (D σ_X² − E σ_x²) μ − C σ_X² = 0`` with C = ΣΔXᵀRΔx, D = Σ|Δx|², E = Σ|ΔX|²; the
     weights of the pairs matter for all parameters.
 
@@ -97,8 +98,10 @@ def fit_similarity(
 
 @dataclass(frozen=True)
 class _Settings:
-    """Whether the scale is free, the weight function of a robust fit, whether cofactors are
-    variances.
+    """Settings of a fit.
+
+    function : weight function of a robust fit, or None
+    absolute : whether the cofactors are variances
     """
 
     free_scale: bool
@@ -142,7 +145,7 @@ def _fit(x, X, Q_x, Q_X, settings: _Settings, seed: int, max_iterations: int) ->
 
 @dataclass(frozen=True)
 class _State(Stack):
-    """μ, R, T about the centroids; weights (B, n); iterations so far and length of the last step."""
+    """μ, R, T about the centroids, weights (B, n), iterations so far, length of the last step."""
 
     mu: np.ndarray
     R: np.ndarray
@@ -223,9 +226,7 @@ def _accuracy(pairs: Pairs, state: _State, settings: _Settings) -> dict[str, np.
 
 
 def _units(x: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Factors (B, 7) that make (T, ω, μ) shifts in m of a point at the mean distance from the
-    centroid.
-    """
+    """Factors (B, 7) that make (T, ω, μ) shifts in m at the mean distance from the centroid."""
     distance = spread(x)
     ones = np.ones((len(x), 3))
     return np.concatenate([ones, ones * (mu * distance)[:, None], distance[:, None]], axis=-1)

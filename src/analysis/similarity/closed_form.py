@@ -16,7 +16,8 @@ def umeyama(
         H = Σ w ΔX Δxᵀ = U S Vᵀ,   R = U D Vᵀ,   D = diag(1, 1, det UVᵀ),   μ = tr(S D)/Σ w |Δx|²,
         t = X̄ − μ R x̄
 
-    Parameters, errors: as of :func:`~analysis.fit_similarity`. Any angle of rotation; points in a plane, too.
+    Parameters, errors: as of :func:`~analysis.fit_similarity`. Any angle of rotation; points in a
+    plane, too.
 
     Source: Kabsch 1976; Umeyama 1991, eqs. (40)-(43).
 

@@ -88,9 +88,7 @@ def _half(n: int) -> int:
 
 @cache
 def _trimmed_variance(share: float) -> float:
-    """Mean of d²/3 over the ``share`` of the smallest of χ² variables d² with three degrees of
-    freedom.
-    """
+    """Mean of d²/3 over the ``share`` of the smallest d², each χ² with three degrees of freedom."""
     return float(chi2.cdf(chi2.ppf(share, 3), 5) / share) if share < 1 else 1.0
 
 

@@ -111,9 +111,9 @@ class Similarity:
     def common_errors(self, points) -> np.ndarray:
         """Errors (…, n, 3, 7) in m of points (…, n, 3) that the transformation causes.
 
-        They come from seven independent sources. Column k holds the displacements of all points by one standard deviation of source k, so
-        with A_i of point i the points i and j have the covariance ``A_i A_jᵀ``: it is common to all
-        points and does not average out over them.
+        They come from seven independent sources. Column k holds the displacements of all points by
+        one standard deviation of source k, so with A_i of point i the points i and j have the
+        covariance ``A_i A_jᵀ``: it is common to all points and does not average out over them.
 
         Source: propagation of the parameters' covariance, F Σ Fᵀ, as in Li et al. 2015.
         """

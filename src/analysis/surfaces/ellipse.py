@@ -454,8 +454,7 @@ def robust_direct(
     start = State(cloud.start(), np.zeros(len(points.D)), np.ones((len(points.D), n)))
     end, convergence = iterate(points, start, advance, max_iterations)
     x, sigma, weights = end.x, end.sigma, end.weights
-    factor = function.mean_weight * function.mean_psi_squared / function.mean_psi_prime**2
-    cofactor = factor * _algebraic_cofactor(x, points, weights)
+    cofactor = function.covariance_factor * _algebraic_cofactor(x, points, weights)
     _, natural = direct_from_points(points.D, weights / points.variances)
     adjustment = Adjustment(x, cofactor, sigma, weights, convergence)
     return cloud.fit("robust_direct", _only_ellipses(adjustment, natural))

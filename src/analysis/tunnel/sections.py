@@ -316,9 +316,7 @@ def local_radii(section: Section, directions=DIRECTIONS, step: float = STEP) -> 
             * equivalent
             / freedom
         )
-    worth = _worth(N) / (
-        BISQUARE.mean_weight * BISQUARE.mean_psi_squared / BISQUARE.mean_psi_prime**2
-    )
+    worth = _worth(N) / BISQUARE.covariance_factor
     known = (freedom > 0) & (worth >= LEAST_WORTH)
     radius, sd, freedom = (
         np.where(known, value, np.nan) for value in (c[:, 0], np.sqrt(variance / worth), freedom)

@@ -120,7 +120,7 @@ def test_iterations_are_those_of_their_kind():
 
 
 def test_bfgs_needs_fewer_iterations_than_dfp():
-    """From H_0 = I, on the paper's planes; that both work from a good H_0 tells them apart no more."""
+    """From H_0 = I, on the paper's planes; from a good H_0 both work, and cannot be told apart."""
     ratios = []
     for seed in range(10):
         A, y, cofactors = plane(seed)

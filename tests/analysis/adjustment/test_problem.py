@@ -127,9 +127,9 @@ def test_flattened_and_selected_stacks():
     C, g, h = symmetric(2, 3), GENERATOR.uniform(1, 2, (2, 3, N)), GENERATOR.uniform(1, 2, (3, N))
     rows = GENERATOR.standard_normal((2, 3, M + 1, N))
     stack = EIVProblem(rows, CommonCofactors(C, g, h))
-    flat = stack.flattened()
+    flat = EIVProblem(rows.reshape(6, M + 1, N), stack.cofactors.flattened((2, 3)))
     assert (stack.count, stack.parameters) == (N, M)
-    assert flat.rows.shape == (6, M + 1, N) and flat.cofactors.h.shape == (6, N)
+    assert flat.cofactors.h.shape == (6, N)
     np.testing.assert_array_equal(flat.cofactors.h[4], h[1])
     z = np.tile(Z, (6, 1))
     np.testing.assert_allclose(
@@ -140,15 +140,13 @@ def test_flattened_and_selected_stacks():
     keep = np.array([True, False, False, True, False, True])
     np.testing.assert_array_equal(flat[keep].cofactors.C, flat.cofactors.C[keep])
     np.testing.assert_array_equal(flat[keep].rows, flat.rows[keep])
-    matrices = EIVProblem(
-        rows, RowCofactors(np.broadcast_to(symmetric(N), (2, 3, N, M + 1, M + 1)))
-    ).flattened()
-    assert matrices[keep].cofactors.Q.shape == (3, N, M + 1, M + 1)
+    matrices = RowCofactors(np.broadcast_to(symmetric(N), (2, 3, N, M + 1, M + 1)))
+    assert matrices.flattened((2, 3))[keep].Q.shape == (3, N, M + 1, M + 1)
     Q = symmetric(2, 1, size=N * (M + 1)).reshape(2, 1, M + 1, N, M + 1, N).swapaxes(-2, -3)
-    blocks = EIVProblem(rows, DenseCofactors(Q)).flattened()
-    assert blocks[keep].cofactors.Q.shape == (3, M + 1, M + 1, N, N)
+    blocks = DenseCofactors(Q).flattened((2, 3))
+    assert blocks[keep].Q.shape == (3, M + 1, M + 1, N, N)
     # one for each problem of the second axis
-    np.testing.assert_array_equal(blocks.cofactors.Q[1], blocks.cofactors.Q[2])
+    np.testing.assert_array_equal(blocks.Q[1], blocks.Q[2])
 
 
 def test_stack_of_correlated_problems_is_each_of_them():

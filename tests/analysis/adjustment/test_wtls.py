@@ -843,7 +843,7 @@ def test_misclosures_that_are_one_are_refused():
     Q_y[0, 1] = Q_y[1, 0] = 1.0
     with pytest.raises(
         ValueError,
-        match="cofactors: expected misclosures with a positive definite correlation matrix, got a smallest",
+        match="cofactors: expected misclosures with a positive definite correlation matrix, got",
     ):
         analysis.wtls(GOOD_A, GOOD_Y, Q_y=Q_y)
 

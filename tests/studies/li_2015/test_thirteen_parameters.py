@@ -85,7 +85,7 @@ def test_cofactor_of_thirteen_parameters_is_that_of_seven():
 
 
 def turned_rows(R, k):
-    """Derivative of the nine direction cosines by a rotation about the target axis k, numerically."""
+    """Derivative of the nine direction cosines by a rotation about axis k, numerically."""
     step = 1e-6
     turn = [Rotation.from_rotvec(sign * step * np.eye(3)[k]).as_matrix() @ R for sign in (1, -1)]
     return ((turn[0] - turn[1]) / (2 * step)).ravel()
