@@ -7,7 +7,7 @@ import analysis
 from analysis.adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, WEIGHT_FUNCTIONS, Huber
 
 NAMES = list(WEIGHT_FUNCTIONS)
-REJECTING = [name for name in NAMES if np.isfinite(WEIGHT_FUNCTIONS[name].support)]
+REJECTING = [name for name in NAMES if WEIGHT_FUNCTIONS[name].weight(9.0) == 0]
 SD = 0.003
 
 
