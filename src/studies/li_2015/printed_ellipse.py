@@ -1,21 +1,20 @@
-"""The section's outline as the paper states it: an ellipsoid cut by the section plane. Printed, and
-what is wrong with it.
+"""The outline of a section as the paper states it: an ellipsoid cut by the plane of the section.
 
-    (x − a)²/λ1² + (y − b)²/λ2² + (z − c)²/λ3² = 1,   k x + y + k′z + m = 0
-    (Li et al. 2015, eq. 11) A x² + B xz + C z² + D x + E z + F = 0
-    (eq. 12)
+    (x − a)²/λ1² + (y − b)²/λ2² + (z − c)²/λ3² = 1,  k x + y + k′z + m = 0
+                                                           (Li et al. 2015, eq. 11)
+    A x² + B xz + C z² + D x + E z + F = 0                 (eq. 12)
 
 Elimination of y gives eq. (13), which ties the six unknowns (a, b, c, λ1, λ2, λ3) to the conic.
 Reconstructed, with i_j = 1/λ_j²:
 
-    A = i1 + k² i2,  B = 2kk′ i2,  C = i3 + k′² i2,  D = −2a i1 + 2k(m + b) i2,  E = −2c i3 + 2k′(m
-    + b) i2, F = a² i1 + (m + b)² i2 + c² i3 − 1,
-    times an unknown factor
+    A = i1 + k² i2,  B = 2kk′ i2,  C = i3 + k′² i2,
+    D = −2a i1 + 2k(m + b) i2,  E = −2c i3 + 2k′(m + b) i2,
+    F = a² i1 + (m + b)² i2 + c² i3 − 1,                   times an unknown factor
 
 A conic has five numbers, so the six unknowns need one more condition, that the centre lies in the
 plane. Then λ2 follows from B alone: from the tilt of the outline in its plane, divided by 2kk′,
-which is zero for a tunnel along Y and about 10⁻⁴ for the others. The outline has no such number in
-it. Noise decides the sign of i2, and with the wrong one there is no ellipsoid.
+which is zero for a tunnel along Y and about 10⁻⁴ for the others. The outline does not determine
+it: noise decides the sign of i2, and with the wrong sign there is no ellipsoid.
 
 The outline itself is well posed: the projection along y keeps it as a conic in (x, z), and the
 metric of the plane turns that into the semi-axes of the ellipse in the section
@@ -41,8 +40,9 @@ SECTION_AXES = (2.711, 2.689)  # m
 
 @dataclass(frozen=True, eq=False)
 class Ellipsoid:
-    """Solutions of eq. (13): centre (…, 3) and semi-axes λ (…, 3) in m; NaN where `real` (…) is
-    False and there is no ellipsoid.
+    """Solutions of eq. (13).
+
+    center, semi_axes : (…, 3) in m; NaN where there is no ellipsoid (`real` is False)
     """
 
     center: np.ndarray
@@ -54,42 +54,24 @@ class Ellipsoid:
         return np.isfinite(self.semi_axes).all(axis=-1)
 
 
-def outline(center, semi_axes, plane) -> np.ndarray:
-    """The conic (A, B, C, D, E, F), (…, 6), in (x, z) of an ellipsoid cut by planes
-    ``k x + y + k′z + m = 0``: eq. (13).
-
-    center, semi_axes : (…, 3) in m; plane : (…, 3) of (k, k′, m)
-
-    >>> outline([1, 0, 1], [2, 5, 1], [0, 0, 0])
-    array([ 0.25,  0.  ,  1.  , -0.5 , -2.  ,  0.25])
-
-    Source: Li et al. 2015, eq. (13), reconstructed.
-    """
-    a, b, c = np.moveaxis(np.asarray(center, dtype=float), -1, 0)
-    i1, i2, i3 = np.moveaxis(1.0 / np.asarray(semi_axes, dtype=float) ** 2, -1, 0)
-    k, kk, m = np.moveaxis(np.asarray(plane, dtype=float), -1, 0)
-    n = m + b
-    A, B, C = i1 + k * k * i2, 2.0 * k * kk * i2, i3 + kk * kk * i2
-    D, E = -2.0 * a * i1 + 2.0 * k * n * i2, -2.0 * c * i3 + 2.0 * kk * n * i2
-    return np.stack(
-        np.broadcast_arrays(A, B, C, D, E, a * a * i1 + n * n * i2 + c * c * i3 - 1.0), axis=-1
-    )
-
-
 @np.errstate(divide="ignore", invalid="ignore")
 def ellipsoid(conic, plane) -> Ellipsoid:
-    """The ellipsoid that eq. (13) gives, closed by ``k a + b + k′c + m = 0``: the centre in the
-    plane, as the paper says of it.
+    """Solve eq. (13) as printed, with the centre in the plane: ``k a + b + k′c + m = 0``.
 
-    conic : (…, 6) in (x, z), of any factor; plane : (…, 3) of (k, k′, m)
+    There is no solution where B/(kk′) is not positive, or takes more from A or C than there is.
 
-    As printed. It fails where B/(kk′) is not a positive number, or takes more from A or C than
-    there is.
+    Parameters
+    ----------
+    conic : (…, 6) in (x, z), of any factor.
+    plane : (…, 3) of (k, k′, m).
 
-    >>> plane = [0.3, 0.2, -1.0]
-    >>> ellipsoid(outline([1.0, 0.6, 0.5], [2.7, 2.6, 2.8], plane), plane).semi_axes.round(9)
-    array([2.7, 2.6, 2.8])
-    >>> bool(ellipsoid(outline([0.0, 0, 0], [2.7, 2.6, 2.8], [0, 0, 0]), [0, 0, 0]).real)
+    Example
+    -------
+    The unit sphere cut by x + y + z = 0, and by y = 0, where eq. (13) does not determine λ2:
+
+    >>> ellipsoid([2.0, 2, 2, 0, 0, -1], [1.0, 1.0, 0.0]).semi_axes
+    array([1., 1., 1.])
+    >>> bool(ellipsoid([1.0, 0, 1, 0, 0, -1], [0.0, 0.0, 0.0]).real)
     False
 
     Source: Li et al. 2015, eq. (13), reconstructed.
@@ -109,8 +91,12 @@ def ellipsoid(conic, plane) -> Ellipsoid:
 
 
 def semi_axes_in_plane(conic, plane) -> np.ndarray:
-    """Semi-axes (…, 2) in m, the major one first, of the outline in its own plane, from its conic
-    (…, 6) in (x, z).
+    """Semi-axes (…, 2) in m of an outline in its own plane, the major one first.
+
+    Parameters
+    ----------
+    conic : (…, 6) of the outline in (x, z).
+    plane : (…, 3) of (k, k′, m).
 
     A step (dx, dz) is ``√(dx, dz) G (dx, dz)ᵀ`` long in the plane,
     ``G = [1 + k², kk′; kk′, 1 + k′²]``. The semi-axes are √(−F′/λ) with the eigenvalues of
@@ -118,7 +104,11 @@ def semi_axes_in_plane(conic, plane) -> np.ndarray:
     ellipse that :func:`analysis.fit_ellipse` finds in the section's own coordinates. NaN where
     there is no ellipse.
 
-    >>> semi_axes_in_plane([1.0, 0, 1, 0, 0, -4], [1.0, 0.0, 0.0]).round(6)  # a cylinder of radius 2 about y, cut at 45°
+    Example
+    -------
+    A cylinder of radius 2 about y, cut at 45°:
+
+    >>> semi_axes_in_plane([1.0, 0, 1, 0, 0, -4], [1.0, 0.0, 0.0]).round(6)
     array([2.828427, 2.      ])
     """
     A, B, C, D, E, F = np.moveaxis(np.asarray(conic, dtype=float), -1, 0)
@@ -142,9 +132,12 @@ def section_points(
 ) -> np.ndarray:
     """Points (…, n, 2) in (x, z) of ellipses about the origin in planes ``k x + y + k′z = 0``.
 
-    plane : (…, 3) of (k, k′, 0); tilt : rad, of the major axis against the horizontal; angles : (…,
-        n) eccentric, from the crown;
-    noise : (…, n, 2) m, along the two axes of the plane
+    Parameters
+    ----------
+    plane : (…, 3) of (k, k′, 0).
+    tilt : of the major axis against the horizontal, rad.
+    angles : (…, n) eccentric anomalies, from the crown, rad.
+    noise : (…, n, 2) along the two axes of the plane, m.
     """
     k, kk, _ = np.moveaxis(np.asarray(plane, dtype=float), -1, 0)[..., None]
     normal = np.stack([k, np.ones_like(k), kk], axis=-1)
@@ -167,17 +160,23 @@ def failure_study(
     noise: float = NOISE,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """How often eq. (13) gives no ellipsoid, and what it gives otherwise, beside the ellipse in the
-    plane.
+    """Count how often eq. (13) gives no ellipsoid, beside the errors of the ellipse in the plane.
 
-    limits : k and k′ of the section planes are uniform up to ± this; points : of a section, over
-        270°; tilts_deg : of the ellipse in its
-    plane; noise : m, of a point
+    Parameters
+    ----------
+    limits : k and k′ of the planes are uniform between ± this.
+    points : of a section, over 270°.
+    tilts_deg : of the ellipse in its plane.
+    noise : of a point, m.
 
-    Returns a row a case: `slope_limit`, `points`, `tilt_deg`, `imaginary` (share of the trials),
-    `lambda2_median_m` (of the others) and `major_rms_mm`, `minor_rms_mm` (errors of the semi-axes
-    by the metric of the plane, from the same conics).
+    Returns
+    -------
+    DataFrame, a row per case: ``slope_limit``, ``points``, ``tilt_deg``; ``imaginary``, share of
+    the trials without an ellipsoid; ``lambda2_median_m`` of the others; ``major_rms_mm``,
+    ``minor_rms_mm``, errors of the semi-axes by the metric of the plane, from the same conics.
 
+    Example
+    -------
     >>> study = failure_study([0.02], [200], [0.0], trials=50)
     >>> bool(study["imaginary"][0] > 0.2), bool(study["minor_rms_mm"][0] < 1)
     (True, True)

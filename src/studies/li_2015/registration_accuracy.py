@@ -74,7 +74,7 @@ def _largest(*differences) -> float:
 
 
 def _ring(wall: float, along: float) -> np.ndarray:
-    """Points (n, 3) on a wall of radius ``wall`` around the Y axis, at the ordinate ``along``, m."""
+    """Points (n, 3) on a wall of radius ``wall`` around the Y axis, at y = ``along``, m."""
     return np.stack([wall * np.sin(RING), np.full(len(RING), along), wall * np.cos(RING)], axis=-1)
 
 

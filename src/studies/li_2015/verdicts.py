@@ -1,8 +1,8 @@
-"""The verdicts on Li and others (2015), whose tables are lost: the campaign is taken over, what
-came out of it cannot be checked.
+"""Verdicts on the numbers of Li and others (2015), whose tables are lost.
 
-The simulated tunnel is given the printed deformations; notebooks 09 and 10 say what scanning,
-registration and ellipses make of them.
+Facts of the campaign are settings of the simulation; its results cannot be checked. The simulated
+tunnel has the printed deformations; notebooks 09 and 10 show how well scanning, registration and
+ellipses recover them.
 """
 
 from __future__ import annotations
@@ -47,32 +47,27 @@ _SETTINGS = (
 
 
 def largest_deformations(number, results: Results) -> Judgement:
-    """The printed maxima: the truth of the simulated tunnel, so that only their recovery can be
-    judged.
-    """
+    """The printed maxima: they are the truth of the simulation, so only recovery can be judged."""
     recovery = results[f"{DEFORMATION}_recovery"].set_index("case")["largest_rms_mm"]
     scans, singly, jointly = (
         recovery[case].max()
         for case in ("noise alone", "stations registered singly", "joint adjustment")
     )
     registered = f"with stations registered singly to {singly:.1f} mm, jointly to {jointly:.1f} mm"
-    why = f"{_NO_SCANS}; given to the simulated tunnel and found again to {scans:.1f} mm, {registered}"
+    given = "given to the simulated tunnel and found again"
+    why = f"{_NO_SCANS}; {given} to {scans:.1f} mm, {registered}"
     return Judgement(NOT_CHECKABLE, why, DEFORMATION)
 
 
 def joints(number, results: Results) -> Judgement:
-    """The error between neighbouring stations, printed as a limit, beside that of the simulated
-    stations.
-    """
+    """The error between neighbouring stations: printed as a limit, in simulation a deviation."""
     found = results[f"{CAMPAIGN}_joints"]
     within, coordinate = found["within_percent"].mean(), found["stated_mm"].mean() / math.sqrt(3)
     if within > 95:
-        return Judgement(
-            REPRODUCED,
-            "so it is nearly everywhere on the wall between simulated stations",
-            CAMPAIGN,
-        )
-    why = f"simulated stations are so near at {within:.0f} % of the wall between them: {coordinate:.1f} mm is their standard deviation"
+        why = "so it is nearly everywhere on the wall between simulated stations"
+        return Judgement(REPRODUCED, why, CAMPAIGN)
+    near = f"simulated stations are so near at {within:.0f} % of the wall between them"
+    why = f"{near}: {coordinate:.1f} mm is their standard deviation"
     return Judgement(CAUSE, why, CAMPAIGN)
 
 
@@ -81,13 +76,14 @@ def stickers(number, results: Results) -> Judgement:
     accuracy = results[f"{CAMPAIGN}_accuracy"]
     highest = accuracy.loc[accuracy["coordinate"] == "point", "high_mm"].max()
     if highest < printed()[PAPER + "threshold_1"].value:
-        why = f"so do simulated ones, {highest:.1f} mm at most; but what the stickers of a station have in common they do not show"
+        common = "but what the stickers of a station have in common they do not show"
+        why = f"so do simulated ones, {highest:.1f} mm at most; {common}"
         return Judgement(CONSISTENT, why, CAMPAIGN)
     return Judgement(CAUSE, "simulated ones do not", CAMPAIGN)
 
 
 def _a_dent_is_hidden(results: Results) -> bool:
-    """Where the dent is deepest the ellipses have less than half of it."""
+    """Whether the ellipses show less than half of the dent where it is deepest."""
     dent = results[f"{DEFORMATION}_hidden"]
     deepest = dent.loc[dent["true_mm"].idxmin()]
     return abs(deepest["ellipse_mm"]) < 0.5 * abs(deepest["true_mm"])
@@ -113,7 +109,8 @@ _TEXT |= {
     "claim_stickers": stickers,
     "claim_every_direction": refuted_if(
         _a_dent_is_hidden,
-        "true of what an ellipse can follow, away from the track bed: a dent stays hidden in its residuals",
+        "true of what an ellipse can follow, away from the track bed: "
+        "a dent stays hidden in its residuals",
         DEFORMATION,
     ),
 }

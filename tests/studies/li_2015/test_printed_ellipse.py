@@ -1,6 +1,4 @@
-"""The paper's ellipsoid and plane: right where it has an answer, mostly without one; the ellipse in
-the plane always has it.
-"""
+"""The ellipsoid of the paper: correct where it exists, often none; the ellipse in the plane exists."""
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from studies.li_2015.printed_ellipse import (
     SEEN,
     ellipsoid,
     failure_study,
-    outline,
     section_points,
     semi_axes_in_plane,
 )
@@ -20,6 +17,17 @@ from studies.li_2015.printed_ellipse import (
 PLANE = np.array([0.3, -0.2, 1.5])
 CENTER = np.array([1.0, -0.3 * 1.0 + 0.2 * 2.0 - 1.5, 2.0])  # in the plane
 SEMI_AXES = np.array([2.7, 3.1, 2.6])
+
+
+def outline(center, semi_axes, plane):
+    """Eq. (13): the conic (6,) in (x, z) of an ellipsoid cut by the plane."""
+    a, b, c = center
+    i1, i2, i3 = 1.0 / np.asarray(semi_axes, dtype=float) ** 2
+    k, kk, m = plane
+    n = m + b
+    quadratic = [i1 + k * k * i2, 2.0 * k * kk * i2, i3 + kk * kk * i2]
+    linear = [-2.0 * a * i1 + 2.0 * k * n * i2, -2.0 * c * i3 + 2.0 * kk * n * i2]
+    return np.array([*quadratic, *linear, a * a * i1 + n * n * i2 + c * c * i3 - 1.0])
 
 
 def test_the_outline_goes_through_the_points_of_the_ellipsoid_in_the_plane():
@@ -43,9 +51,7 @@ def test_the_system_is_solved_by_what_made_it_whatever_the_factor():
 
 
 def test_another_ellipsoid_has_the_same_section():
-    """The closure picks one: an ellipsoid moved out of the plane and blown up gives the same conic
-    but for a factor.
-    """
+    """An ellipsoid moved out of the plane and enlarged has that conic times a factor."""
     conic = outline(CENTER, SEMI_AXES, PLANE)
     k, kk, _ = PLANE
     # conjugate to the plane: the shift along which the sections stay homothetic and concentric
@@ -88,9 +94,7 @@ def test_semi_axes_in_plane_are_nan_without_an_ellipse():
 
 
 def test_how_often_the_printed_solution_is_imaginary():
-    """A section upright in its plane: for a third of the planes within 0.02 of the Y axis. Tilted
-    by 10°: for half, by the sign of kk′.
-    """
+    """Upright in its plane: for a third of the planes within 0.02 of Y; tilted by 10°: for half."""
     study = failure_study([0.02], [360], [0.0, 10.0], trials=400).set_index("tilt_deg")
     assert 0.28 < study["imaginary"][0.0] < 0.42
     assert 0.40 < study["imaginary"][10.0] < 0.55

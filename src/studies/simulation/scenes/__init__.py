@@ -1,6 +1,6 @@
-"""A terrestrial laser scanner: how precise its points are, and what it sees of a scene.
+"""Scans of simple scenes by a terrestrial laser scanner.
 
-    surfaces     what can be hit: spheres, rectangles, discs, cylinders, and labelled scenes of them
+    surfaces     spheres, rectangles, discs, cylinders, and labelled scenes of them
     scanning     an angular grid of beams cast into a scene; noise, mixed pixels, redraws
     targets      a sphere target on its mount before a wall
 

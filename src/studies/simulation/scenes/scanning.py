@@ -1,4 +1,4 @@
-"""Beams of an angular grid cast into a scene, and what the scanner records of them.
+"""Scans: beams of an angular grid cast into a scene, and their recorded points.
 
 Each beam is cast as a ray. Around it lies a footprint, over which the instrument averages: where
 the footprint covers two ranges, at an edge, the recorded range is the mean of the ranges in it,
@@ -6,7 +6,7 @@ weighted by the power that comes back, Gaussian over the beam and Lambertian fro
 ``exp(−2u²) cos(θ)/ρ²``. Such a *mixed pixel* lies on no surface, but between two. All other beams
 record the range of their centre. Where the centre of a beam meets nothing, nothing is recorded.
 
-Casting knows no chance. Noise is added to its result by the scanner's stochastic model, once by
+Casting is not random. Noise is added to its result by the scanner's stochastic model, once by
 :func:`scan`, or as often as needed by :func:`redraw`.
 """
 
@@ -36,6 +36,8 @@ class AngularGrid:
 
     Both ends belong to the grid where the step allows it; a full circle has no beam twice.
 
+    Example
+    -------
     >>> grid = AngularGrid((0.0, 2 * np.pi), (-0.5, 0.5), step=0.25 * np.pi)
     >>> len(grid), grid.elevations
     (16, array([-0.5       ,  0.28539816]))
@@ -62,9 +64,20 @@ class AngularGrid:
 
     @classmethod
     def around(cls, target, radius: float, step: float, station=(0.0, 0.0, 0.0)) -> AngularGrid:
-        """The smallest window that shows a ball of ``radius`` (m) around ``target`` (3,), seen from
-        ``station`` (3,).
+        """The smallest window that shows a ball around a target.
 
+        Parameters
+        ----------
+        target, station : (3,) middle of the ball, and place of the scanner, m.
+        radius : of the ball, m.
+        step : of the grid, rad.
+
+        Raises
+        ------
+        ValueError : a station inside the ball, or a window with its vertical axis.
+
+        Example
+        -------
         >>> grid = AngularGrid.around((0.0, 10.0, 0.0), radius=0.1, step=0.001)
         >>> len(grid), np.round(grid.azimuth, 3)
         (441, array([1.561, 1.581]))
@@ -72,14 +85,14 @@ class AngularGrid:
         offset = vector(target, "target") - vector(station, "station")
         distance = np.linalg.norm(offset)
         if not check_positive(radius, "radius") < distance:
-            raise ValueError(
-                f"radius: expected less than the distance of the target, {distance:g} m, got {radius!r}"
-            )
+            less = f"less than the distance of the target, {distance:g} m"
+            raise ValueError(f"radius: expected {less}, got {radius!r}")
         half = np.arcsin(radius / distance)
         elevation = np.arcsin(offset[2] / distance)
         if np.abs(elevation) + half >= 0.5 * np.pi:
             raise ValueError(
-                f"target: expected a window without the vertical axis of the station, got {target} with radius {radius:g}"
+                f"target: expected a window without the vertical axis of the station, "
+                f"got {target} with radius {radius:g}"
             )
         half_azimuth = np.arcsin(np.sin(half) / np.cos(elevation))
         azimuth = np.arctan2(offset[1], offset[0])
@@ -109,14 +122,13 @@ class AngularGrid:
         columns, rows = np.divmod(np.arange(*part.indices(len(self))), len(elevations))
         azimuth, elevation = azimuths[columns], elevations[rows]
         plan = np.cos(elevation)
-        # One coordinate after the other in memory, which all that is computed from the beams
-        # inherits.
+        # One coordinate after the other in memory; arrays computed from the beams inherit this.
         return np.stack([plan * np.cos(azimuth), plan * np.sin(azimuth), np.sin(elevation)]).T
 
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """What a scanner recorded, with the truth behind it; of every beam that came back, one point.
+    """Recorded points with the truth behind them, one point per beam that came back.
 
     scanner, station : the instrument and where it stood, (3,) in m
     points : (n, 3) in m, in the frame of the scene
@@ -166,7 +178,9 @@ class Scan:
     def on(self, *labels: str) -> np.ndarray:
         """(n,) bool: the points with one of the labels.
 
-        Raises ``ValueError`` for a label that is not among ``names``.
+        Raises
+        ------
+        ValueError : a label that is not among ``names``.
         """
         unknown = [label for label in labels if label not in self.names]
         if unknown:
@@ -201,7 +215,7 @@ def scan(
     scene : the labelled surfaces. The label "mixed" is taken.
     grid : the beams.
     scanner : its stochastic model, beam and reach.
-    generator : source of 3 standard normal numbers a recorded point.
+    generator : source of 3 standard normal numbers per recorded point.
     station : (3,) where the scanner stands, m; its vertical axis is the z axis of the scene.
 
     Returns
@@ -209,9 +223,12 @@ def scan(
     Scan. The time is proportional to beams times surfaces; beams are cast in blocks, so beyond the
     result itself the memory does not grow with the grid.
 
-    Raises ``ValueError`` for a wrong station, a generator that is none, and a scene with a label
-    "mixed".
+    Raises
+    ------
+    ValueError : a wrong station, a generator that is none, a scene with a label "mixed".
 
+    Example
+    -------
     >>> from analysis.scanner import LEICA_C10
     >>> from studies.simulation.scenes import Sphere
     >>> ball = Scene([("ball", Sphere((0.0, 6.0, 0.0), 0.1))])
@@ -225,7 +242,8 @@ def scan(
         )
     if MIXED in scene.labels:
         raise ValueError(
-            f"scene: expected labels other than {MIXED!r}, which is that of mixed pixels; got {', '.join(scene.labels)}"
+            f"scene: expected labels other than {MIXED!r}, which is that of mixed pixels; "
+            f"got {', '.join(scene.labels)}"
         )
     station = vector(station, "station")
     parts = [_cast(scene, scanner, station, grid.beams(part)) for part in pieces(len(grid), CAST)]
@@ -243,15 +261,15 @@ def scan(
 
 
 def redraw(scan: Scan, n_trials: int, seed: int) -> np.ndarray:
-    """Repeat the noise of a scan: the same beams on the same scene, measured again and again.
+    """Draw the noise of a scan many times, with unchanged beams on an unchanged scene.
 
-    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays the same when the
+    Trial i draws from the i-th child of ``SeedSequence(seed)``, so it stays unchanged when the
     number of trials grows. Mixed pixels keep the mixture that scene and beam give them, and get
     noise as all points do.
 
     Parameters
     ----------
-    scan : what was scanned once, or a part of it.
+    scan : a scan, or a part of it.
     n_trials : number of redraws, B.
     seed : seed of the study.
 
@@ -259,8 +277,12 @@ def redraw(scan: Scan, n_trials: int, seed: int) -> np.ndarray:
     -------
     (B, n, 3) points, m.
 
-    Raises ``ValueError`` for a number of trials below 1.
+    Raises
+    ------
+    ValueError : a number of trials below 1.
 
+    Example
+    -------
     >>> from studies.simulation.scenes import scan_sphere_target
     >>> target = scan_sphere_target((0.0, 6.0, -1.6), 0.0725, np.random.default_rng(0))
     >>> bool(np.all(redraw(target, 3, seed=1)[:2] == redraw(target, 2, seed=1)))
@@ -284,15 +306,16 @@ def redraw(scan: Scan, n_trials: int, seed: int) -> np.ndarray:
 def _roots(scan: Scan) -> np.ndarray:
     """(n, 3, 3) roots of the points' true cofactors.
 
-    An error across the beam is laid in its tangent plane. The sphere of constant range is left by
-    ρσ²/2 with that, 10⁻⁸ m at 6 m and 60 µrad.
+    Errors across the beam lie in its tangent plane; this leaves the sphere of constant range by
+    ρσ²/2, 10⁻⁸ m at 6 m and 60 µrad.
     """
     return scan.scanner.roots(scan.beams, scan.true_ranges, scan.cosines)
 
 
 def _errors(scan: Scan, numbers: np.ndarray) -> np.ndarray:
-    """(n, 3) errors of points in m from standard normal numbers (n, 3): along the beam, horizontal,
-    upwards.
+    """(n, 3) errors of points in m from standard normal numbers (n, 3).
+
+    The numbers are those along the beam, horizontal, and upwards.
     """
     return np.einsum("nij,nj->ni", _roots(scan), numbers)
 
@@ -304,9 +327,7 @@ def _steps(window: tuple[float, float], step: float) -> int:
 def _cast(
     scene: Scene, scanner: Scanner, station: np.ndarray, beams: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """The arrays of a :class:`Scan` of some beams (k, 3), without noise; one element a beam that
-    comes back.
-    """
+    """Arrays of a :class:`Scan` of beams (k, 3) without noise, one element per returning beam."""
     ranges, hit = scene.first_hit(station, beams)
     met = hit >= 0
     beams, ranges, hit = beams[met], ranges[met], hit[met]
@@ -338,15 +359,14 @@ def _cast(
 
 
 def _covers_two_ranges(scene, scanner, station, beams, ranges, normals) -> np.ndarray:
-    """(k,) bool: a ray at the rim of the footprint ends elsewhere than on the surface that the
-    centre meets.
+    """(k,) bool: some ray at the rim of the footprint ends on another surface than the centre.
 
-    That surface is taken as its tangent plane; elsewhere is farther from it along the ray than the
-    beam is wide.
+    The surface of the centre is taken as its tangent plane; a ray ends elsewhere if it ends farther
+    from that plane along the ray than the beam is wide.
     """
     origins, directions = footprint_rays(scanner, station, beams, disc_pattern(1)[1:])
     rim, _ = scene.first_hit(origins, directions)
-    # a ray along the plane meets it nowhere: infinite, so elsewhere
+    # a ray parallel to the plane never meets it: the distance is infinite, so it ends elsewhere
     with np.errstate(divide="ignore", invalid="ignore"):
         feet = station + ranges[:, None] * beams
         plane = dot(feet - origins, normals) / dot(directions, normals)
@@ -355,9 +375,7 @@ def _covers_two_ranges(scene, scanner, station, beams, ranges, normals) -> np.nd
 
 
 def _mixture(scene, scanner, station, beams) -> tuple[np.ndarray, np.ndarray]:
-    """Ranges (k,) that beams over an edge record, and the mean cosines of incidence in their
-    footprints.
-    """
+    """Recorded ranges (k,) of beams over an edge, and mean cosines in their footprints."""
     ranges, cosines = np.empty(len(beams)), np.empty(len(beams))
     pattern = disc_pattern(RINGS)
     gauss = np.exp(-2.0 * np.sum(pattern**2, axis=-1))[:, None]
@@ -376,9 +394,7 @@ def _mixture(scene, scanner, station, beams) -> tuple[np.ndarray, np.ndarray]:
 
 
 def footprint_rays(scanner: Scanner, station, beams, pattern) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and unit directions (s, k, 3) of the rays of each beam (k, 3) that cross it at the
-    ``pattern`` (s, 2).
-    """
+    """Origins and unit directions (s, k, 3) of rays of beams (k, 3), at a pattern (s, 2) of each."""
     horizontal, upwards = across(beams)
     aside = pattern[:, 0, None, None] * horizontal + pattern[:, 1, None, None] * upwards
     directions = beams + 0.5 * scanner.beam_divergence * aside
@@ -387,9 +403,7 @@ def footprint_rays(scanner: Scanner, station, beams, pattern) -> tuple[np.ndarra
 
 
 def disc_pattern(rings: int) -> np.ndarray:
-    """(1 + 3·rings·(rings + 1), 2) points spread evenly over the unit disc: the centre, then rings
-    of 6, 12, … points.
-    """
+    """Points (1 + 3·rings·(rings + 1), 2) evenly over the unit disc: the centre, then rings."""
     points = [np.zeros((1, 2))]
     for ring in range(1, rings + 1):
         angles = 2 * np.pi * np.arange(6 * ring) / (6 * ring)

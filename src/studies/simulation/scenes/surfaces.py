@@ -1,9 +1,9 @@
 """Surfaces that a beam can hit, and scenes made of them.
 
 A surface has two methods: ``intersect(origins, directions)`` gives the range at which each ray
-first meets it, ``normals(points)`` a unit normal at each of its points. Whatever has both can stand
-in a :class:`Scene`. Rays start at ``origins`` (…, 3) and run along unit vectors ``directions`` (…,
-3); they meet what lies before them only.
+first meets it, ``normals(points)`` a unit normal at each of its points. Any object with both can
+stand in a :class:`Scene`. Rays start at ``origins`` (…, 3) and run along unit vectors
+``directions`` (…, 3); they meet only surfaces in front of their origins.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from analysis.scanner import vector
 
 
 class SceneSurface(Protocol):
-    """What a scene is made of."""
+    """Contract of the surfaces of a scene."""
 
     # ranges (…), inf where none
     def intersect(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray: ...
@@ -47,8 +47,7 @@ class Sphere:
     def intersect(self, origins, directions):
         to_center = self.center - origins
         along = dot(to_center, directions)
-        # The ray's distance from the centre, not a difference of squares: far spheres keep their
-        # digits.
+        # The ray's distance from the centre, not a difference of squares, which loses digits.
         aside = along[..., None] * directions - to_center
         half_chord = np.sqrt(np.maximum(self.radius**2 - dot(aside, aside), 0.0))
         return np.where(half_chord > 0, _first(along - half_chord, along + half_chord), np.inf)
@@ -97,7 +96,8 @@ class Rectangle:
 class Disc:
     """Disc by its ``center`` (3,), ``axis`` (3,) of any length, and ``radius`` in m.
 
-    >>> Disc((0.0, 5.0, 0.0), axis=(0.0, 1.0, 0.0), radius=1.0).intersect(np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    >>> disc = Disc((0.0, 5.0, 0.0), axis=(0.0, 1.0, 0.0), radius=1.0)
+    >>> disc.intersect(np.zeros(3), np.array([0.0, 1.0, 0.0]))
     array(5.)
     """
 
@@ -125,8 +125,7 @@ class Disc:
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """Open tube from ``start`` to ``end`` (3,) with ``radius``, in m: a pole, a cable, a pipe;
-    discs can close it.
+    """Open tube from ``start`` to ``end`` (3,) with ``radius``, in m: a pole, a cable, a pipe.
 
     >>> pole = Cylinder((0.0, 5.0, -1.0), (0.0, 5.0, 1.0), 0.5)
     >>> pole.intersect(np.zeros(3), np.array([[0.0, 1.0, 0.0], [0.0, 0.6, 0.8]]))
@@ -150,7 +149,7 @@ class Cylinder:
     def intersect(self, origins, directions):
         axis, length = self.axis, np.linalg.norm(self.end - self.start)
         to_start = self.start - origins
-        # along the axis: of the origin, and a m of range
+        # along the axis: height of the origin, and gain of height per m of range
         heights, slopes = -dot(to_start, axis), dot(directions, axis)
         common = np.cross(directions, axis)  # perpendicular to ray and axis
         squares = dot(common, common)
@@ -173,13 +172,14 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Scene:
-    """Labelled surfaces; of those that a ray meets, the first counts, so what is behind is hidden.
+    """Labelled surfaces, of which a ray meets the nearest; those behind it are hidden.
 
-    surfaces : pairs (label, surface); several surfaces may have one label.
+    surfaces : pairs (label, surface); several surfaces may have one label
 
-    >>> scene = Scene([("ball", Sphere((0, 5, 0), 1.0)), ("wall", Rectangle((0, 8, 0), (4, 0, 0), (0, 0, 4)))])
-    >>> ranges, hit = scene.first_hit(np.zeros(3), np.array([[0.0, 1.0, 0.0], [0.6, 0.8, 0.0], [-1.0, 0.0, 0.0]]))
-    >>> ranges, hit
+    >>> wall = Rectangle((0, 8, 0), (4, 0, 0), (0, 0, 4))
+    >>> scene = Scene([("ball", Sphere((0, 5, 0), 1.0)), ("wall", wall)])
+    >>> rays = np.array([[0.0, 1.0, 0.0], [0.6, 0.8, 0.0], [-1.0, 0.0, 0.0]])
+    >>> scene.first_hit(np.zeros(3), rays)
     (array([ 4., inf, inf]), array([ 0, -1, -1]))
     """
 
@@ -190,12 +190,10 @@ class Scene:
         if not surfaces:
             raise ValueError("surfaces: expected at least one pair (label, surface), got none")
         for label, surface in surfaces:
-            if not isinstance(label, str) or not (
-                hasattr(surface, "intersect") and hasattr(surface, "normals")
-            ):
-                raise ValueError(
-                    f"surfaces: expected pairs (text, surface), got ({label!r}, {type(surface).__name__})"
-                )
+            hittable = hasattr(surface, "intersect") and hasattr(surface, "normals")
+            if not isinstance(label, str) or not hittable:
+                pair = f"({label!r}, {type(surface).__name__})"
+                raise ValueError(f"surfaces: expected pairs (text, surface), got {pair}")
         object.__setattr__(self, "surfaces", surfaces)
 
     @property
@@ -206,9 +204,7 @@ class Scene:
     def first_hit(
         self, origins: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Range (…) of the nearest surface along each ray and its place in ``surfaces``; inf and −1
-        where there is none.
-        """
+        """Range (…) and place in ``surfaces`` of the nearest surface along rays; inf and −1 if none."""
         nearest = np.full(np.broadcast_shapes(origins.shape, directions.shape)[:-1], np.inf)
         hit = np.full(nearest.shape, -1)
         for place, (_, surface) in enumerate(self.surfaces):
@@ -228,7 +224,7 @@ class Scene:
 
 
 def _set(surface, **fields) -> None:
-    """Put checked values into a frozen surface."""
+    """Set checked values of a frozen surface."""
     for name, value in fields.items():
         if isinstance(value, np.ndarray):
             value = value.copy()
@@ -248,26 +244,25 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar products (…) of vectors (…, 3); by components, which is fastest for arrays that hold
-    one coordinate after the other.
+    """Scalar products (…) of vectors (…, 3).
+
+    By components, which is fastest for arrays with one coordinate after the other in memory.
     """
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def _at(origins, directions, ranges) -> np.ndarray:
-    """Points at the ranges; where a range is infinite the point is too far for anything, yet
-    finite.
-    """
+    """Points at the ranges; for an infinite range a finite point beyond every surface."""
     return origins + np.where(np.isfinite(ranges), ranges, 1e100)[..., None] * directions
 
 
 def _first(near, far) -> np.ndarray:
-    """The smaller of two ranges of those that lie before the origin."""
+    """The smaller positive one of two ranges; inf if there is none."""
     return np.minimum(np.where(near > 0, near, np.inf), np.where(far > 0, far, np.inf))
 
 
 def _plane_ranges(center, normal, origins, directions) -> np.ndarray:
-    """Ranges at which rays meet a plane before them."""
+    """Ranges at which rays meet a plane in front of them."""
     towards = dot(directions, normal)
     parallel = towards == 0
     ranges = dot(center - origins, normal) / np.where(parallel, 1.0, towards)

@@ -1,4 +1,4 @@
-"""A sphere target as surveyors set it up: on a mount, before a wall."""
+"""A sphere target as surveyors set it up: on a mount, in front of a wall."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ def sphere_target_scene(
     wall_distance: float = 0.12,
     station=(0.0, 0.0, 0.0),
 ) -> Scene:
-    """A sphere on a vertical rod, before a vertical wall that faces the station; labels sphere,
-    mount, wall.
+    """A sphere on a vertical rod in front of a wall; labels sphere, mount, wall.
 
     Parameters
     ----------
@@ -35,9 +34,15 @@ def sphere_target_scene(
         to 45 %).
     station : (3,) of the scanner, m.
 
-    Raises ``ValueError`` for lengths that are not positive, a wall through the sphere, and a sphere
-    above or below the station, for which there is no horizontal line of sight.
+    The wall is vertical and faces the station.
 
+    Raises
+    ------
+    ValueError : a length that is not positive, a wall through the sphere, or a sphere above or below
+        the station, which has no horizontal line of sight.
+
+    Example
+    -------
     >>> sphere_target_scene((0.0063, 5.8454, -1.6357), 0.0725).labels
     ('sphere', 'mount', 'wall')
     """
@@ -57,7 +62,7 @@ def sphere_target_scene(
     return Scene(
         [
             ("sphere", Sphere(center, radius)),
-            # The rod begins inside the sphere, so that no gap is left between the two.
+            # The rod begins inside the sphere, so that there is no gap.
             ("mount", Cylinder(center, foot, check_positive(mount_radius, "mount_radius"))),
             (
                 "wall",
@@ -86,8 +91,8 @@ def scan_sphere_target(
 
     The two spheres of Ou & Liu (2017, section 2.2, table 3) have a radius of 0.0725 m and centres
     near (0.0063, 5.8454, −1.6357) and (1.3963, 3.7694, −1.6247) m in the frame of the scanner, a
-    Leica ScanStation C10. What is not printed and assumed here: the step, what stands around the
-    spheres, and how they were cut out.
+    Leica ScanStation C10. Not printed, so assumed: the step, the objects around the spheres, and
+    how the spheres were cut out.
 
     Parameters
     ----------
@@ -100,8 +105,12 @@ def scan_sphere_target(
     station : (3,) of the scanner, m.
     scene_options : keywords of :func:`sphere_target_scene`.
 
-    Raises ``ValueError`` as that function and :class:`AngularGrid` do, and for a cut below 1.
+    Raises
+    ------
+    ValueError : a cut below 1, and as that function and :class:`AngularGrid`.
 
+    Example
+    -------
     >>> scan_sphere_target((0.0063, 5.8454, -1.6357), 0.0725, np.random.default_rng(0)).names
     ('sphere', 'mount', 'wall', 'mixed')
     """
