@@ -150,7 +150,7 @@ class _Cosines(Stack):
 
 
 def _constrained_normals(problem: _Rows, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Matrix (B, 19, 19) and right side (B, 19) of the normal equations with the six constraints."""
+    """Matrix (B, 19, 19), right side (B, 19) of the normal equations with six constraints."""
     x, X, w = problem.x, problem.X, problem.w
     T, mu, R = xi[:, :3], xi[:, 3, None, None], xi[:, 4:].reshape(-1, 3, 3)
     turned = x @ R.swapaxes(-1, -2)
@@ -183,7 +183,8 @@ def _rotations(start, lead: tuple[int, ...]) -> np.ndarray:
     )
     if not proper:
         raise ValueError(
-            "start: expected rotation matrices, orthogonal with determinant +1, got some that are not"
+            "start: expected rotation matrices, orthogonal with determinant +1, "
+            "got some that are not"
         )
     return R
 

@@ -394,7 +394,7 @@ def _mixture(scene, scanner, station, beams) -> tuple[np.ndarray, np.ndarray]:
 
 
 def footprint_rays(scanner: Scanner, station, beams, pattern) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and unit directions (s, k, 3) of rays of beams (k, 3), at a pattern (s, 2) of each."""
+    """Origins and unit directions (s, k, 3) of the rays of beams (k, 3) at a pattern (s, 2)."""
     horizontal, upwards = across(beams)
     aside = pattern[:, 0, None, None] * horizontal + pattern[:, 1, None, None] * upwards
     directions = beams + 0.5 * scanner.beam_divergence * aside

@@ -204,7 +204,7 @@ class Scene:
     def first_hit(
         self, origins: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Range (…) and place in ``surfaces`` of the nearest surface along rays; inf and −1 if none."""
+        """Range (…) and place (…) of the nearest surface along each ray; inf and −1 if none."""
         nearest = np.full(np.broadcast_shapes(origins.shape, directions.shape)[:-1], np.inf)
         hit = np.full(nearest.shape, -1)
         for place, (_, surface) in enumerate(self.surfaces):

@@ -38,8 +38,8 @@ def sphere_target_scene(
 
     Raises
     ------
-    ValueError : a length that is not positive, a wall through the sphere, or a sphere above or below
-        the station, which has no horizontal line of sight.
+    ValueError : a length that is not positive, a wall through the sphere, or a sphere above or
+        below the station, which has no horizontal line of sight.
 
     Example
     -------

@@ -1,14 +1,15 @@
-"""The campaign of Li et al. (2015), simulated, because their scans are not published: a tunnel
-whose truth is known.
+"""The campaign of Li et al. (2015), simulated in a tunnel whose truth is known.
 
-    alignment    the design axis and coordinates along and across it
-    deformation  what happens between the epochs
+Their scans are not published.
+
+    alignment    the design axis, and coordinates along and across it
+    deformation  squat, dent, moved rings between the epochs
     lining       the radius in each epoch; rings, segments, joints and pockets
-    furniture    what hides the lining: bed, catwalk, cables, lamps, people
-    tunnel       all three together, and the names of what a beam can meet
+    furniture    bed, catwalk, cables, lamps, people: they hide the lining
+    tunnel       all of these together, and the labels of points
     casting      beams cast into the tunnel
     campaign     stations, targets, control net, stickers, scans
-    slab         one section alone, again and again with new noise
+    slab         one section alone, drawn many times with new noise
 
 Engineering coordinates in m: Z up, Y along the tunnel, X to the right. Polar angles in rad: 0 at
 the crown, positive to the right, looking along the tunnel.

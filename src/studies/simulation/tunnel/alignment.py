@@ -1,15 +1,16 @@
 """The design axis of the tunnel, and coordinates along and across it.
 
-The axis is a circle in plan with a constant grade, so that its chainage is its arc length.
-Engineering coordinates:
-Z up, Y along the tunnel, X to the right. At chainage s the axis has the unit tangent t and the
-section frame
+The axis is a circle in plan with a constant grade; its chainage is its arc length. Engineering
+coordinates: Z up, Y along the tunnel, X to the right. At chainage s the axis has the unit tangent
+t and the section frame
 
-    e_v = (e_Z − t (tᵀe_Z))/|·|  upwards,    e_u = t × e_v  to the right,
+    e_v = (e_Z − t (tᵀe_Z))/|·|  upwards,    e_u = t × e_v  to the right.
 
-and a point P, whose foot on the axis is C(s), has the section coordinates u = e_uᵀ(P − C), v =
-e_vᵀ(P − C), or in polar form ρ = √(u² + v²), α = atan2(u, v): 0 at the crown, positive to the
-right.
+A point P with the foot point C(s) on the axis has the section coordinates
+
+    u = e_uᵀ(P − C),  v = e_vᵀ(P − C),    or    ρ = √(u² + v²),  α = atan2(u, v):
+
+α is 0 at the crown and positive to the right.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from analysis.checks import check_positive, finite_array
 
 
 def from_nearest(value, period: float) -> np.ndarray:
-    """Signed distance of a value from the nearest multiple of the period; with 2π, an angle from −π
-    to π.
+    """Signed distance of a value from the nearest multiple of the period.
+
+    With the period 2π it is an angle from −π to π.
 
     >>> from_nearest(np.array([0.1, 1.1, 1.3]), 1.2)
     array([ 0.1, -0.1,  0.1])
@@ -83,7 +85,7 @@ class Alignment:
         )
 
     def frame(self, chainage) -> np.ndarray:
-        """(…, 3, 3) unit vectors e_u (right), t (along) and e_v (up), one a row.
+        """(…, 3, 3) unit vectors e_u (right), t (along) and e_v (up), one per row.
 
         >>> np.abs(Alignment(grade=0.0).frame(65.0))
         array([[1., 0., 0.],
@@ -121,7 +123,7 @@ class Alignment:
 
         In the polar coordinates of the curve in plan, (r, φ), the foot point has the heading θ that
         solves r sin(φ − θ) = −tan β (z − z_C(θ)). The difference φ − θ is so small that two terms
-        of the sine will do.
+        of the sine are enough.
 
         >>> axis = Alignment()
         >>> np.round(axis.section_coordinates(axis.points(20.0, 1.0, -2.0)), 9)
@@ -132,7 +134,7 @@ class Alignment:
         height = z - self.grade * self.radius * phi
         rate = r + self.grade**2 * self.radius
         turn = -self.grade * height / rate  # φ − θ: of the order of grade · ρ / radius
-        # the next term of the sine; what is left of it is below 1e-15
+        # the next term of the sine; the terms after it are below 1e-15
         turn += r * turn**3 / (6 * rate)
         height += self.grade * self.radius * turn
         chainage = 0.5 * self.length + self.radius * (phi - turn) / np.cos(self.slope)

@@ -1,17 +1,15 @@
-"""The campaign: where the scanner stands in both epochs, what is measured beside the scans, and the
-scans.
+"""The campaign: stations of both epochs, their targets and stickers, and the scans.
 
 From Li et al. (2015, section 4.1 and 4.2.1): 130 m of tunnel, six stations in the first epoch and
-four in the second, 4.5 million points a station, targets measured by scanner and total station,
-stickers on the lining as a check, a Riegl VZ-400. Five targets in the first epoch and four in the
-second is what they print for the epoch; here every station has as many, because the registration of
-a station needs at least three.
+four in the second, 4.5 million points per station, targets measured by scanner and total station,
+stickers on the lining as a check, a Riegl VZ-400. They print five targets for the first epoch and
+four for the second; here every station has as many, because its registration needs at least three.
 
 Assumed, because it is not printed: where the stations are, chosen so that no section lies in the
 part of the crown that the scanner cannot see; the net of control points, on consoles and marks that
-do not move, whose errors of 1 mm a coordinate are the same in both epochs; 1.5 mm a coordinate for
-a target found in a scan; 1 mm and 1″ for the total station; the scanner's window from 40° below to
-60° above the horizon; a scanner levelled to 20″ that looks along the tunnel within 10°.
+do not move, whose errors of 1 mm per coordinate are common to both epochs; 1.5 mm per coordinate
+for a target found in a scan; 1 mm and 1″ for the total station; the scanner's window from 40° below
+to 60° above the horizon; a scanner levelled to 20″ that looks along the tunnel within 10°.
 
 Each scan is in the frame of its instrument: origin where the laser leaves it, Z up, Y roughly along
 the tunnel, X to the right. The pose of a station is stored as truth; an analysis finds it from the
@@ -35,35 +33,33 @@ from .casting import cast
 from .tunnel import NAMES, SECTIONS, Tunnel, default_tunnel
 
 SEED = 2015  # of the tunnel study
-FULL_DENSITY = 4_500_000  # beams a station
+FULL_DENSITY = 4_500_000  # beams per station
 # chainages by epoch, m
 STATIONS = ((8.0, 30.0, 50.0, 72.0, 98.0, 120.0), (20.0, 52.0, 72.0, 108.0))
-TARGETS = (5, 4)  # a station, by epoch
+TARGETS = (5, 4)  # per station, by epoch
 ELEVATION = (np.deg2rad(-40.0), np.deg2rad(60.0))
 INSTRUMENT_HEIGHT = 1.6  # m above the track bed
 CENTRING = 0.2  # m, from the axis and from that height
 HEADING = np.deg2rad(10.0)  # largest deviation of the Y axis from the tunnel
 LEVELLING_SD = 20 * ARC_SECOND
-NET_SD = 0.001  # m a coordinate, of the control points
-TARGET_SD = 0.0015  # m a coordinate, of a target or a sticker found in a scan
+NET_SD = 0.001  # m per coordinate, of the control points
+TARGET_SD = 0.0015  # m per coordinate, of a target or a sticker found in a scan
 TOTAL_STATION = Scanner(
     "total station", range_sd=0.001, angle_sd=ARC_SECOND, incidence_exponent=0.0
 )
 TOTAL_STATION_AT = (20.0, 65.0, 110.0)  # chainages, m
 CONTROL_SPACING = 5.0  # m, between pairs of control points
-# (u, v) in m, in turn along the tunnel
+# (u, v) in m, alternating along the tunnel
 CONTROL_PAIRS = (((-2.1, 0.9), (1.3, -1.8)), ((-1.3, -1.8), (2.1, 0.6)))
-BEST_TARGET_DISTANCE = 10.0  # m: near enough to be found, far enough to hold the heading
+BEST_TARGET_DISTANCE = 10.0  # m: near enough to be found, far enough to fix the heading
 STICKERS = tuple(np.deg2rad((-60.0, -25.0, 25.0, 60.0, 100.0)))  # polar angles in every section
-# of the incidence angle, below which a sticker is not found
+# of the incidence angle; below it a sticker is not found
 STICKER_COSINE = np.cos(np.deg2rad(83.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where an instrument stands: engineering coordinates = ``position`` + ``rotation`` ·
-    instrument coordinates.
-    """
+    """Pose of an instrument: X = position + rotation · x from instrument to engineering."""
 
     rotation: np.ndarray
     position: np.ndarray
@@ -79,7 +75,7 @@ class Pose:
 class Targets:
     """Targets of one station.
 
-    names : of the control points, the same in both epochs
+    names : of the control points, common to both epochs
     control : (m, 3) engineering coordinates, with the errors of the net
     scanned : (m, 3) instrument coordinates, with the errors of the scanner
     true : (m, 3) engineering coordinates
@@ -93,7 +89,7 @@ class Targets:
 
 @dataclass(frozen=True, eq=False)
 class Stickers:
-    """Stickers on the lining in one epoch, of which a station sees each.
+    """Stickers on the lining in one epoch, each seen from a station.
 
     chainage, alpha : (m,) m and rad
     true : (m, 3) engineering coordinates in this epoch
@@ -112,9 +108,7 @@ class Stickers:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A station before its scan: epoch, chainage in m, pose (truth), targets, and the seed of its
-    noise.
-    """
+    """A station before its scan: epoch, chainage (m), pose (truth), targets, seed of the noise."""
 
     epoch: int
     chainage: float
@@ -152,12 +146,13 @@ class ScannedStation:
         kinds = ", ".join(
             f"{count} {name}" for name, count in zip(NAMES, counts, strict=True) if count
         )
-        return f"ScannedStation(epoch {self.setup.epoch}, chainage {self.setup.chainage:g} m, {len(self)} points: {kinds})"
+        place = f"epoch {self.setup.epoch}, chainage {self.setup.chainage:g} m"
+        return f"ScannedStation({place}, {len(self)} points: {kinds})"
 
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
-    """One epoch: its number, its stations (or, before the scans, their set-ups), and the stickers."""
+    """One epoch: number, stations (before the scans, their set-ups), and stickers."""
 
     number: int
     stations: tuple
@@ -166,7 +161,7 @@ class Epoch:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """Two epochs of a tunnel."""
+    """A tunnel and two epochs of it."""
 
     tunnel: Tunnel
     epochs: tuple[Epoch, Epoch]
@@ -179,19 +174,23 @@ def simulate_campaign(
     tunnel: Tunnel | None = None,
     scanner: Scanner = RIEGL_VZ400,
 ) -> Campaign:
-    """The whole campaign.
+    """Simulate the whole campaign.
 
     Parameters
     ----------
-    density : beams a station, over 360° × 100°; 4.5 million are steps of 0.089°. Nine in ten or
+    density : beams per station, over 360° × 100°; 4.5 million are steps of 0.089°. Nine in ten or
         more come back.
     seed : of the study: poses, net, targets, stickers and noise. Poses, targets and stickers do not
-        hang on the density.
-    tunnel : what is scanned; default :func:`default_tunnel`.
+        depend on the density.
+    tunnel : default :func:`default_tunnel`.
     scanner : the instrument.
 
-    Raises ``ValueError`` for a density below 100.
+    Raises
+    ------
+    ValueError : a density below 100.
 
+    Example
+    -------
     >>> both = simulate_campaign(density=2000)
     >>> [len(epoch.stations) for epoch in both.epochs]
     [6, 4]
@@ -212,10 +211,9 @@ def simulate_campaign(
 
 
 def survey(tunnel: Tunnel, seed: int = SEED, scanner: Scanner = RIEGL_VZ400) -> tuple[Epoch, Epoch]:
-    """Everything but the scans: both epochs with the set-ups of their stations.
+    """Simulate everything but the scans: both epochs with the set-ups of their stations.
 
-    With :func:`scan_station` this scans a campaign station by station, so that one is in memory at
-    a time.
+    With :func:`scan_station` a campaign is scanned station by station, with one in memory.
     """
     net, *generators = (
         np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
@@ -240,6 +238,8 @@ def scan_station(
     The time is proportional to the density; beams are cast in blocks, so beyond the result the
     memory does not grow.
 
+    Example
+    -------
     >>> tunnel = default_tunnel()
     >>> setup = survey(tunnel)[0].stations[2]
     >>> scan_station(tunnel, setup, density=5000).points.shape[1]
@@ -261,8 +261,10 @@ def scan_station(
 
 
 def station_grid(density: float) -> AngularGrid:
-    """The beams of a station: the full circle by 100°, ``density`` of them.
+    """Beams of a station: ``density`` of them over the full circle by 100°.
 
+    Example
+    -------
     >>> float(np.round(np.rad2deg(station_grid(FULL_DENSITY).step), 4))
     0.0894
     """
@@ -275,8 +277,9 @@ def station_grid(density: float) -> AngularGrid:
 def cast_beams(
     tunnel: Tunnel, setup: Setup, scanner: Scanner, beams: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Beams (k, 3) in the frame of the instrument that come back: directions (m, 3), ranges,
-    cosines and codes (m,), without noise.
+    """Cast beams (k, 3) in the frame of the instrument, without noise.
+
+    Returns directions (m, 3), ranges, cosines and codes (m,) of those that come back.
     """
     back, ranges, cosines, codes = cast(
         tunnel, setup.epoch, scanner, setup.pose.position, beams @ setup.pose.rotation.T
@@ -365,9 +368,7 @@ def _sees(
     scanner: Scanner,
     least_cosine: float,
 ) -> np.ndarray:
-    """(m,) bool: nothing stands between the instrument and the points, and they are within its
-    window.
-    """
+    """(m,) bool: points in the window of the instrument with nothing in between."""
     sight = pose.to_instrument(points)
     distances = np.sqrt(dot(sight, sight))
     elevation = np.arcsin(sight[:, 2] / distances)

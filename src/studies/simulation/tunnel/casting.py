@@ -1,13 +1,13 @@
-"""Beams cast into the tunnel: the first thing each of them meets.
+"""Beams cast into the tunnel: the first object that each of them meets.
 
 The lining is found by Newton's method on ρ(t) = ρ_true(α(t), s(t)) along the beam, from the inside;
 the furniture between the station and the lining likewise, each piece only for the beams that can
-meet it. Casting knows no chance.
+meet it. Casting is not random.
 
 As in :mod:`studies.simulation.scenes.scanning`, a footprint that covers two ranges gives a mixed
-pixel, with the mean range weighted by the power that comes back. Where it is looked for: at the
-edges of the furniture. Joints, pockets and steps between segments are about as wide as the beam and
-are met by its middle ray alone.
+pixel, with the mean range weighted by the power that comes back. Mixed pixels are sought at the
+edges of the furniture. Joints, pockets and steps between segments are about as wide as the beam;
+only its middle ray counts there.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from .alignment import Alignment, from_nearest
 from .furniture import Catwalk, Person, Tube, WallBox
 from .tunnel import CODES, Tunnel
 
-# m, by which the search stays before the design radius: more than ovality, steps and deformation
+# m from the design radius at which the search starts: more than ovality, steps and deformation
 MARGIN = 0.04
 NODES = 0.5 * 1.15 ** np.arange(42)  # m along a beam, up to 154 m
 TOLERANCE = 1e-10  # m, of ρ − ρ_true
 MAX_STEPS = 12
 RINGS = 2  # of rays in the footprint of a mixed pixel, 19 rays
 TURN = 2 * np.pi
-# how far beside a piece of furniture on the lining a beam that meets it may end
+# of a piece of furniture on the lining: where beams that meet it may end beside it
 NEAR = np.deg2rad(4.0)
 
 
@@ -47,13 +47,11 @@ class Rays:
         return Rays(self.alignment, self.origins[keep], self.directions[keep])
 
     def inside(self, places: Places) -> np.ndarray:
-        """(k,) bool: the places between both ends of the tunnel, beyond which there is nothing to
-        meet.
-        """
+        """(k,) bool: the places between both ends of the tunnel; beyond these a beam is lost."""
         return (places.chainage >= 0) & (places.chainage <= self.alignment.length)
 
     def at(self, ranges: np.ndarray) -> Places:
-        """Where the rays are at ranges (k,), in the section there."""
+        """Places of the rays at ranges (k,), in the coordinates of the section there."""
         axis = self.alignment
         chainage, u, v = axis.section_coordinates(self.origins + ranges[:, None] * self.directions)
         heading = axis.heading(chainage)
@@ -74,9 +72,7 @@ class Rays:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Points on rays: range, chainage, u, v in m, and the components of the directions to the
-    right, along, and up.
-    """
+    """Points on rays: range, chainage, u, v in m; direction to the right, along and up."""
 
     ranges: np.ndarray
     chainage: np.ndarray
@@ -110,10 +106,9 @@ class Places:
     def to_circle(
         self, middle: tuple[float, float], radius: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Ranges (k,) from here to both crossings of a circle in the section, as if the tunnel were
-        straight.
+        """Ranges (k,) from here to both crossings of a circle in the section.
 
-        Where there is none both are that to the nearest point.
+        The tunnel is taken as straight; without a crossing both are the range to the nearest point.
         """
         u, v = self.u - middle[0], self.v - middle[1]
         squares = np.maximum(self.right**2 + self.up**2, 1e-9)
@@ -134,9 +129,7 @@ class Hits:
         return Hits(self.ranges.copy(), self.codes.copy(), self.cosines.copy())
 
     def nearer(self, where: np.ndarray, ranges, cosines, label: str) -> None:
-        """Enter hits of the rays at the places ``where`` if they are nearer than what the rays met
-        so far.
-        """
+        """Enter hits of the rays with the numbers ``where`` that are nearer than those so far."""
         closer = (ranges < self.ranges[where]) & (ranges > 0)
         where = where[closer]
         self.ranges[where], self.cosines[where], self.codes[where] = (
@@ -187,9 +180,7 @@ def cast(
 
 
 def _lining(tunnel: Tunnel, epoch: int, rays: Rays) -> tuple[Places, np.ndarray]:
-    """Where rays meet the lining's inner face, and (k,) bool: those that end on the flank of a step
-    between segments.
-    """
+    """Places where rays meet the inner face, and (k,) bool: those on the flank of a step."""
     ranges = _before_the_lining(tunnel, rays)
     places = rays.at(ranges)
     left = np.arange(len(ranges))
@@ -204,16 +195,19 @@ def _lining(tunnel: Tunnel, epoch: int, rays: Rays) -> tuple[Places, np.ndarray]
         for name in Places.__dataclass_fields__:
             getattr(places, name)[left] = getattr(moved, name)
     flank = np.zeros(len(ranges), dtype=bool)
-    flank[left] = True  # between two segments Newton's method goes to and fro
+    flank[left] = True  # between two segments Newton's method alternates
     return places, flank
 
 
 def _before_the_lining(tunnel: Tunnel, rays: Rays) -> np.ndarray:
-    """Ranges (k,) a little before the lining, found as if the axis were a parabola; the last of the
-    nodes for rays that go farther.
+    """Ranges (k,) a little before the lining; the last of the nodes for rays that go farther.
 
-    Along a ray u = u₀ + a t − κ(c t)²/2, v = v₀ + b t. Nodes find the first interval in which √(u²
-    + v²) passes the design radius less ``MARGIN``; regula falsi refines it.
+    The axis is taken as a parabola: along a ray
+
+        u = u₀ + a t − κ(c t)²/2,    v = v₀ + b t.
+
+    Nodes find the first interval in which √(u² + v²) passes the design radius less ``MARGIN``;
+    regula falsi refines it.
     """
     start = rays.at(np.zeros(len(rays.directions)))
     bend = -0.5 * tunnel.alignment.curvature * start.along**2
@@ -248,7 +242,7 @@ def _before_the_lining(tunnel: Tunnel, rays: Rays) -> np.ndarray:
 
 
 def _into_recesses(tunnel: Tunnel, hits: Hits, wall: Places, where: np.ndarray) -> None:
-    """Let rays that cross the mouth of a recess go on to its walls."""
+    """Extend rays that cross the mouth of a recess to its walls."""
     here = wall[where]
     which, extra, cosines = tunnel.lining.recess(
         here.alpha, here.chainage, here.rho, here.along, here.around, here.outwards
@@ -264,7 +258,7 @@ def _into_recesses(tunnel: Tunnel, hits: Hits, wall: Places, where: np.ndarray) 
 
 
 def _bare_hits(tunnel: Tunnel, rays: Rays, wall: Places) -> Hits:
-    """What rays meet of lining and track bed."""
+    """Hits of rays on lining and track bed alone."""
     ranges = np.where(rays.inside(wall), wall.ranges, np.inf)
     hits = Hits(ranges, np.full(len(ranges), CODES["lining"]), np.maximum(wall.outwards, 0.0))
     below = np.flatnonzero(wall.v < tunnel.furniture.bed)
@@ -273,12 +267,12 @@ def _bare_hits(tunnel: Tunnel, rays: Rays, wall: Places) -> Hits:
 
 
 def _first_hits(tunnel: Tunnel, epoch: int, rays: Rays, wall: Places, bare: Hits, grow=0.0) -> Hits:
-    """What rays meet first; ``grow`` (k,) in m makes the furniture larger for a ray."""
+    """First hits of rays; ``grow`` (k,) in m makes the furniture larger for a ray."""
     grow = np.broadcast_to(grow, wall.ranges.shape)
     alpha, furniture = wall.alpha, tunnel.furniture
     hits = bare.copy()
     walk = furniture.catwalk
-    # of the beam to the right of its chord
+    # largest distance of the curved axis from its chord along the beam
     bow = 0.125 * tunnel.alignment.curvature * wall.ranges**2
     below = np.flatnonzero(
         (wall.v < walk.top + 0.05) & (np.maximum(wall.u, 0.5 * walk.edge) + bow > walk.edge - 0.1)
@@ -299,6 +293,7 @@ def _first_hits(tunnel: Tunnel, epoch: int, rays: Rays, wall: Places, bare: Hits
 
 
 def _bed(hits: Hits, where, rays: Rays, wall: Places, height: float) -> None:
+    """Hits on the track bed, of rays that end below it on the lining."""
     here = wall
     for _ in range(3):
         here = rays.at(here.ranges + (height - here.v) / np.minimum(here.up, -1e-3))
@@ -307,7 +302,7 @@ def _bed(hits: Hits, where, rays: Rays, wall: Places, height: float) -> None:
 
 
 def _catwalk(hits: Hits, where, rays: Rays, wall: Places, walk: Catwalk, grow) -> None:
-    """Its top, or else its edge: seen from above nothing else of it can be met."""
+    """Hits on the top of the catwalk, or else on its edge; the station is above it."""
     top = wall
     for _ in range(3):
         top = rays.at(
@@ -334,6 +329,7 @@ def _catwalk(hits: Hits, where, rays: Rays, wall: Places, walk: Catwalk, grow) -
 
 
 def _tube(hits: Hits, where, rays: Rays, wall: Places, tube: Tube, grow) -> None:
+    """Hits on a cable or pipe."""
     radius = tube.radius + grow
     thick = radius > 0
     where, rays, here, radius = where[thick], rays[thick], wall[thick], radius[thick]
@@ -346,11 +342,11 @@ def _tube(hits: Hits, where, rays: Rays, wall: Places, tube: Tube, grow) -> None
 
 
 def _wall_box(hits: Hits, where, rays: Rays, wall: Places, wall_alpha, box: WallBox, grow) -> None:
-    """From where a ray passes the radius of the inner face to the lining, chainage and polar angle
-    are taken as linear.
+    """Hits on boxes.
 
-    A box is missed by a ray that passes that radius twice before it ends on the lining, which takes
-    a sight of more than 40 m along the inside of the curve.
+    Chainage and polar angle are taken as linear from where a ray passes the radius of the inner
+    face to the lining. A ray that passes that radius twice before it ends on the lining misses the
+    box; that takes a sight of more than 40 m along the inside of the curve.
     """
     face = wall
     for _ in range(3):
@@ -383,8 +379,9 @@ def _wall_box(hits: Hits, where, rays: Rays, wall: Places, wall_alpha, box: Wall
 
 
 def _next_box(box: WallBox, chainage, step, grow) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends of the box that contains a chainage, or of the next one in the direction of the
-    step; where there is none, of the last.
+    """Both ends of the box at a chainage, else of the next in the direction of the step.
+
+    Where there is none, of the last.
     """
     starts = np.array(box.starts)
     forwards = np.searchsorted(starts + box.length, chainage - grow)
@@ -394,7 +391,7 @@ def _next_box(box: WallBox, chainage, step, grow) -> tuple[np.ndarray, np.ndarra
 
 
 def _person(tunnel: Tunnel, hits: Hits, rays: Rays, person: Person, grow) -> None:
-    """An upright tube: in plan a ray passes its middle at the distance aside/plan."""
+    """Hits on an upright tube: in plan a ray passes its middle at the distance aside/√plan."""
     foot = tunnel.alignment.points(person.chainage, person.u, tunnel.furniture.bed)
     x, y, z = rays.directions.T
     east, north, up = (foot - rays.origins).T
@@ -414,8 +411,9 @@ def _person(tunnel: Tunnel, hits: Hits, rays: Rays, person: Person, grow) -> Non
 def _at_edges(
     tunnel: Tunnel, epoch: int, rays: Rays, wall: Places, bare: Hits, width: np.ndarray
 ) -> np.ndarray:
-    """Numbers of the rays within a footprint of an edge: larger furniture catches them, smaller
-    furniture does not.
+    """Numbers of the rays within a footprint of an edge.
+
+    Furniture larger by half a footprint meets them, furniture smaller by as much does not.
     """
     larger, smaller = (
         _first_hits(tunnel, epoch, rays, wall, bare, grow) for grow in (0.5 * width, -0.5 * width)
@@ -424,7 +422,7 @@ def _at_edges(
 
 
 def _mix(tunnel, epoch, scanner, station, beams, hits: Hits, width, edges: np.ndarray) -> None:
-    """Give those of the beams at edges whose footprint covers two ranges the mean of them."""
+    """Set the mean range of those beams at edges whose footprint covers two ranges."""
     edges = edges[np.isfinite(hits.ranges[edges])]
     at, codes, _ = _footprint_hits(tunnel, epoch, scanner, station, beams[edges], 1)
     other = (

@@ -1,19 +1,18 @@
-"""The deformation between the epochs: known exactly, so that what an analysis finds can be compared
-with it.
+"""The deformation between the epochs, known exactly.
 
-Five things happen along the tunnel, each where a section is measured, and nothing in between:
+Five things happen along the tunnel, each at a measured section, and nothing in between:
 
     squat        the lining's ellipse is pressed down by A(s) at the crown and pushed out by
                  ``spread``·A(s) at the springline. A(s) is smooth and has exactly the three largest
                  deformations which Li et al. (2015, section 4.2.2) print, 10.9, 21.2 and 24.3 mm,
-                 at three consecutive sections. That the vertical is the larger is theirs too; the
-                 ratio of the two is assumed.
-    dent         a local bump inwards, which no ellipse can follow
+                 at three consecutive sections. They also say that the vertical change is the
+                 larger; the ratio of the two is assumed.
+    dent         a local bump inwards that no ellipse can follow
     shift        one ring moves as a whole, by 8 mm
     tilt         one ring turns about its horizontal diameter
-    quiet zone   not a thing moves
+    quiet zone   nothing moves
 
-Shift and tilt enter the radius as d·e_ρ; what is left out, |d|²/2R, is 0.01 mm.
+Shift and tilt enter the radius as d·e_ρ; the omitted |d|²/2R is 0.01 mm.
 """
 
 from __future__ import annotations
@@ -31,8 +30,9 @@ QUIET_ZONE = (82.0, 100.0)  # m, with the sections at 85 and 95 m
 
 @dataclass(frozen=True)
 class Squat:
-    """Ellipse pressed down by A(s): ``knots`` (chainage, A) in m, between them a quintic step,
-    level at every knot.
+    """Ellipse pressed down by A(s): a quintic step between knots (chainage, A) in m.
+
+    A is level at every knot.
 
     >>> 1e3 * Squat().settlement([40.0, 45.0, 55.0, 65.0, 80.0])
     array([ 2.99976196, 10.9       , 21.2       , 24.3       ,  0.        ])
@@ -52,8 +52,9 @@ class Squat:
 
 @dataclass(frozen=True)
 class Dent:
-    """Bump inwards: δ = −depth (1 − x²)³ for x² = (Δα/half_width)² + (Δs/half_length)² < 1, which
-    is smooth at its edge.
+    """Bump inwards, smooth at its edge.
+
+        δ = −depth (1 − x²)³,    x² = (Δα/half_width)² + (Δs/half_length)² < 1
 
     chainage, half_length, depth in m; alpha, half_width in rad.
     """
@@ -79,11 +80,10 @@ class Dent:
 
 @dataclass(frozen=True)
 class RingMovement:
-    """The ring that holds ``chainage`` moves by ``shift`` (u, v) in m and turns by ``tilt`` (rad)
-    about its horizontal diameter.
+    """Motion of the ring at ``chainage``: ``shift`` (u, v) in m, and ``tilt`` in rad.
 
-    A point at the distance w along the axis from the middle of its ring moves up by v-shift + tilt
-    · w.
+    It tilts about its horizontal diameter: a point at the distance w along the axis from the middle
+    of the ring moves up by the shift in v and tilt · w.
     """
 
     chainage: float

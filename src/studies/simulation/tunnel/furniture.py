@@ -1,5 +1,4 @@
-"""What hides the lining: track bed, catwalk, pipe, cables, brackets, lamps, a cabinet, and people
-at work.
+"""Furniture that hides the lining: bed, catwalk, pipe, cables, brackets, lamps, cabinet, people.
 
 All of it is described in the section (:mod:`.alignment`) and follows the curve: tubes run along the
 whole tunnel, boxes stand on the lining between two polar angles, the bed and the catwalk are level.
@@ -16,9 +15,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Tube:
-    """Cable or pipe along the tunnel: polar angle (rad), distance of its middle from the axis, and
-    radius, m.
-    """
+    """Cable or pipe along the tunnel: polar angle (rad), distance ρ of its middle, radius, m."""
 
     label: str
     alpha: float
@@ -27,14 +24,18 @@ class Tube:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Its middle (u, v) in the section, m."""
+        """Middle (u, v) of the tube in the section, m."""
         return self.rho * np.sin(self.alpha), self.rho * np.cos(self.alpha)
 
 
 @dataclass(frozen=True)
 class WallBox:
-    """Boxes on the lining: from polar angle to polar angle (rad), inner face at ``rho``, each
-    ``length`` long from its start, m.
+    """Boxes on the lining.
+
+    alpha : from polar angle to polar angle, rad
+    rho : of the inner face, m
+    length : of each box from its start, m
+    starts : chainages, m
     """
 
     label: str
@@ -46,9 +47,7 @@ class WallBox:
 
 @dataclass(frozen=True)
 class Catwalk:
-    """A level slab on the right: from ``edge`` (u) to the lining, between ``bottom`` and ``top``
-    (v), m.
-    """
+    """A level slab on the right, from ``edge`` (u) to the lining, ``bottom`` to ``top`` (v), m."""
 
     label: str = "catwalk"
     edge: float = 1.60
@@ -85,7 +84,7 @@ def _boxes() -> tuple[WallBox, ...]:
         WallBox("bracket", (np.deg2rad(-93.0), np.deg2rad(-70.0)), 2.62, 0.04, every(1.2, 0.58)),
         WallBox("bracket", (np.deg2rad(-119.0), np.deg2rad(-113.0)), 2.60, 0.05, every(2.4, 0.98)),
         WallBox("lamp", (np.deg2rad(52.0), np.deg2rad(55.0)), 2.58, 0.60, every(7.5, 4.80)),
-        # 12° over 10 m: behind it nothing of the section at 65 m is seen.
+        # 12° over 10 m: nothing of the section at 65 m is seen behind it.
         WallBox("cabinet", (np.deg2rad(64.0), np.deg2rad(76.0)), 2.45, 10.0, (60.0,)),
     )
 
@@ -95,7 +94,7 @@ class Furniture:
     """Everything in the tunnel but the lining.
 
     bed : height v of the track bed, m. The default hides the lining beyond ±138°
-    people : by epoch, those who stand in the way
+    people : in each epoch
     """
 
     bed: float = -2.0

@@ -1,10 +1,10 @@
 """The lining: its radius in each epoch, its rings and segments, and the recesses in them.
 
-Assumed, because Li et al. (2015) print nothing of it, as usual for metro tunnels of this kind:
+Assumed as usual for metro tunnels of this kind, because Li et al. (2015) print nothing of it:
 inner radius 2.70 m; rings of 1.2 m, each of six equal segments, every other ring turned by half a
 segment; joints 8 mm wide and 22 mm deep; ovality a − b between 5 and 15 mm, changing along the
-tunnel; segments up to 2.5 mm before or behind the ellipse, so that two neighbours differ by up to 5
-mm; four bolt pockets at each longitudinal joint and one grouting hole in the middle of each
+tunnel; segments up to 2.5 mm before or behind the ellipse, so that two neighbours differ by up to
+5 mm; four bolt pockets at each longitudinal joint and one grouting hole in the middle of each
 segment. In each pocket sits a bolt with its nut, which ends 30 mm behind the inner face.
 
 A radius counts from the design axis, ρ(α, s), in the plane of the section (:mod:`.alignment`).
@@ -28,8 +28,9 @@ SEGMENT = 2 * np.pi / SEGMENTS  # rad
 
 @dataclass(frozen=True)
 class Recess:
-    """A box sunk into the lining: half sides along the tunnel and around it, and depth, m; inf
-    where it has no end.
+    """A box sunk into the lining: half sides along the tunnel and around it, and depth, m.
+
+    A side without end is inf.
     """
 
     label: str
@@ -57,7 +58,7 @@ class Lining:
     ring_width : m
     ovality : (mean, amplitude) of a − b in m, horizontal less vertical semi-axis
     ovality_period : m, of its change along the tunnel
-    deformation : what happens between the epochs
+    deformation : between the epochs
     """
 
     steps: np.ndarray
@@ -76,9 +77,7 @@ class Lining:
         largest_step: float = 0.0025,
         **options,
     ) -> Lining:
-        """A lining over ``length`` (m) whose segments stand up to ``largest_step`` (m) from the
-        ellipse.
-        """
+        """A lining over ``length`` (m) with segments up to ``largest_step`` (m) off the ellipse."""
         rings = int(np.ceil(length / options.get("ring_width", cls.ring_width) - 1e-9))
         return cls(generator.uniform(-largest_step, largest_step, (rings, SEGMENTS)), **options)
 
@@ -90,8 +89,9 @@ class Lining:
         object.__setattr__(self, "steps", steps)
 
     def semi_axes(self, chainage, epoch: int) -> tuple[np.ndarray, np.ndarray]:
-        """Horizontal and vertical semi-axis (…) of the ellipse, m, without steps, dents and moved
-        rings.
+        """Horizontal and vertical semi-axis (…) of the ellipse, m.
+
+        Steps, dent and moved rings are not in it.
         """
         ovality = self.ovality[0] + self.ovality[1] * np.sin(
             2 * np.pi * np.asarray(chainage) / self.ovality_period
@@ -118,13 +118,14 @@ class Lining:
         a, b = self.semi_axes(chainage, epoch)
         rho = a * b / np.hypot(a * np.cos(alpha), b * np.sin(alpha))
         rho = rho + self.steps[self.ring(chainage), self.segment(alpha, chainage)]
-        return rho if epoch == 1 else rho + self._moved(alpha, chainage)
+        return rho if epoch == 1 else rho + self._movement(alpha, chainage)
 
     def true_deformation(self, alpha, chainage) -> np.ndarray:
         """δ = ρ₂ − ρ₁ (…) in m, positive outwards.
 
         >>> lining = Lining(np.zeros((109, 6)))
-        >>> np.round(1e3 * lining.true_deformation(np.deg2rad([0.0, 90.0]), [[45.0], [55.0], [65.0], [90.0]]), 3)
+        >>> at = [[45.0], [55.0], [65.0], [90.0]]
+        >>> np.round(1e3 * lining.true_deformation(np.deg2rad([0.0, 90.0]), at), 3)
         array([[-10.9  ,   4.905],
                [-21.2  ,   9.54 ],
                [-24.3  ,  10.935],
@@ -132,8 +133,8 @@ class Lining:
         """
         return self.true_radius(alpha, chainage, 2) - self.true_radius(alpha, chainage, 1)
 
-    def _moved(self, alpha, chainage) -> np.ndarray:
-        """(…) what dent and moved rings add to the radius, m."""
+    def _movement(self, alpha, chainage) -> np.ndarray:
+        """(…) change of the radius by the dent and the moved rings, m."""
         moved = self.deformation.dent.radial(alpha, chainage)
         ring = self.ring(chainage)
         for movement in self.deformation.rings:
@@ -143,7 +144,7 @@ class Lining:
         return moved
 
     def ring(self, chainage) -> np.ndarray:
-        """(…) number of the ring; what lies beyond the ends belongs to the first and the last."""
+        """(…) number of the ring; beyond the ends, of the first and the last."""
         return np.clip(
             np.floor(np.asarray(chainage) / self.ring_width).astype(int), 0, len(self.steps) - 1
         )
@@ -153,27 +154,25 @@ class Lining:
         return (np.floor((alpha - self._first_joint(chainage)) / SEGMENT) % SEGMENTS).astype(int)
 
     def _first_joint(self, chainage) -> np.ndarray:
-        """(…) polar angle of a longitudinal joint, rad: a quarter of a segment to the right or to
-        the left of the crown.
-        """
+        """(…) polar angle of a longitudinal joint, a quarter of a segment off the crown, rad."""
         return SEGMENT * np.where(self.ring(chainage) % 2, -0.25, 0.25)
 
     def recess(
         self, alpha, chainage, rho, along, around, outwards
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """How far rays that cross the face at (α, s) go on into a recess.
+        """Follow rays that cross the face at (α, s) into a recess.
 
         Parameters
         ----------
-        alpha, chainage, rho : (k,) where they cross it.
+        alpha, chainage, rho : (k,) of the crossings.
         along, around, outwards : (k,) components of the unit directions.
 
         Returns
         -------
         which : (k,) place in ``RECESSES``, −1 for the plain face.
         extra : (k,) m to the first of bottom and side walls, or to the bolt.
-        cosines : (k,) of the incidence angle there; of the plain face 0. Nut and thread have edges
-            all around, so of a bolt it is that of the side turned most to the ray.
+        cosines : (k,) of the incidence angle there; 0 for the plain face. Nut and thread have edges
+            all around: for a bolt it is that of the side turned most to the ray.
         """
         which, extra, cosines = np.full(len(alpha), -1), np.zeros(len(alpha)), np.zeros(len(alpha))
         for recess, ds, dt in self._offsets(alpha, chainage, rho):
@@ -194,9 +193,7 @@ class Lining:
         return which, extra, cosines
 
     def _offsets(self, alpha, chainage, rho):
-        """Each recess with the distances (k,) along and around from the middle of the nearest of
-        its kind, m.
-        """
+        """Each kind of recess, with distances (k,) along and around from the nearest one, m."""
         in_ring = chainage - self.ring_width * self.ring(chainage)
         ring_joint = from_nearest(chainage, self.ring_width)
         segment_joint = rho * from_nearest(alpha - self._first_joint(chainage), SEGMENT)
@@ -204,7 +201,8 @@ class Lining:
         yield SEGMENT_JOINT, np.zeros_like(chainage), segment_joint
         from_joint = np.abs(segment_joint) - POCKET_FROM_SEGMENT_JOINT
         from_ring = np.minimum(in_ring, self.ring_width - in_ring) - POCKET_FROM_RING_JOINT
-        # The distances of mirrored pockets are mirrored with them.
+        # Pockets are mirrored about the middle of their ring and about their joint, and so are the
+        # distances from them.
         yield (
             POCKET,
             np.where(in_ring < 0.5 * self.ring_width, 1, -1) * from_ring,
@@ -232,8 +230,9 @@ def _to_the_walls(recess: Recess, ds, dt, along, around, outwards) -> tuple[np.n
 
 
 def _to_the_bolt(ds, dt, along, around, outwards) -> np.ndarray:
-    """Range from the mouth of a pocket to the bolt in its middle; inf where the ray passes by. It
-    stands before all walls.
+    """Range from the mouth of a pocket to its bolt; inf where the ray passes by.
+
+    The bolt stands in the middle, in front of all walls.
     """
     steps = np.stack([along, around, outwards])
     lows = np.stack(

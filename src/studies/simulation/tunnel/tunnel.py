@@ -1,4 +1,4 @@
-"""The tunnel: axis, lining and furniture, and the names of what a beam can meet in it."""
+"""The tunnel: axis, lining and furniture, and the labels of the points on them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ NAMES = (
     MIXED,
 )
 CODES = {name: code for code, name in enumerate(NAMES)}
-# Each stands out from the lining by 2 cm or more; of a single point ``Tunnel.distances`` says how
-# far.
+# Each stands out from the lining by 2 cm or more; ``Tunnel.distances`` gives that of a point.
 ATTACHMENTS = ("catwalk", "pipe", "cable", "bracket", "lamp", "cabinet", "person")
 
 # the 13 sections, chainages in m
@@ -42,7 +41,7 @@ class Tunnel:
     alignment : design axis; ``alignment.position(s)``, ``.tangent(s)``,
         ``.section_coordinates(points)``
     lining : ``lining.true_radius(alpha, s, epoch)``, ``lining.true_deformation(alpha, s)``
-    furniture : what hides it
+    furniture : everything that hides the lining
 
     >>> tunnel = default_tunnel()
     >>> on_lining = tunnel.alignment.polar_points(50.0, 0.3, tunnel.true_radius(0.3, 50.0, epoch=2))
@@ -55,17 +54,15 @@ class Tunnel:
     furniture: Furniture = field(default_factory=Furniture)
 
     def true_radius(self, alpha, chainage, epoch: int) -> np.ndarray:
-        """See :meth:`.Lining.true_radius`."""
+        """Radius of the inner face: :meth:`.Lining.true_radius`."""
         return self.lining.true_radius(alpha, chainage, epoch)
 
     def deformation(self, alpha, chainage) -> np.ndarray:
-        """See :meth:`.Lining.true_deformation`."""
+        """Change of the radius: :meth:`.Lining.true_deformation`."""
         return self.lining.true_deformation(alpha, chainage)
 
     def distances(self, points: np.ndarray, epoch: int) -> np.ndarray:
-        """ρ − ρ_true(α, s) (…) in m of points (…, 3) in engineering coordinates: positive behind
-        the inner face.
-        """
+        """Distances ρ − ρ_true(α, s) (…) of points (…, 3), m; positive behind the inner face."""
         chainage, u, v = self.alignment.section_coordinates(points)
         return np.hypot(u, v) - self.true_radius(np.arctan2(u, v), chainage, epoch)
 
