@@ -52,7 +52,8 @@ from ..adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, ROUNDED_MAD_TO_SD
 from ..blocks import pieces
 from ..checks import check_positive, finite_array, point_array
 from ..result import ConvergenceWarning
-from .axis import Axis, group_medians
+from .axis import Axis
+from .group_medians import group_medians
 from .lining_surface import POINTS_THAT_COUNT, ROUGHNESS
 from .registration import Station
 

@@ -24,7 +24,8 @@ from ..checks import check_positive, finite_array, point_array
 from ..methods import fit_ellipse
 from ..result import ignore_convergence_warnings
 from ..surfaces.ellipse import EllipseFit
-from .axis import Axis, robust_axis
+from .axis import Axis
+from .axis_estimation import robust_axis
 from .filter import FilteredLining, filter_lining
 from .outlines import Deformation, deformation, quantities
 from .sections import DIRECTIONS, THICKNESS, Radii, Section, cut, local_radii

@@ -13,21 +13,19 @@ either epoch and the shift between the epochs' frames:
 with g the gradients of the radii and s that of a shift of the second outline. Neighbouring
 directions are strongly correlated; everything derived from Δρ takes that along.
 
-An outline is an ellipse (:class:`~analysis.surfaces.ellipse.EllipseFit`) or a short Fourier series
-of the radius (:class:`RadialFit`). Neither follows a local dent; what they leave is in the
-residuals (:func:`residual_profile`).
+An outline is an ellipse (:class:`~analysis.surfaces.ellipse.EllipseFit`). It does not follow a
+local dent; what it leaves is in the residuals (:func:`residual_profile`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from ..adjustment.linalg import cofactor_from_factor, propagate, solve
+from ..adjustment.linalg import cofactor_from_factor, propagate
 from ..checks import check_positive, check_whole_number, finite_array, point_array
 from ..surfaces.ellipse import EllipseFit
 
@@ -35,15 +33,6 @@ from ..surfaces.ellipse import EllipseFit
 ANGLES = np.deg2rad(np.arange(-135.0, 136.0))
 ORDER = 4  # of Fourier series: an ellipse with 22 mm between its axes is one to 0.001 mm
 TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % at the normal law
-
-
-class Outline(Protocol):
-    """What a section of one epoch must tell to be compared."""
-
-    regular_covariance: np.ndarray  # (…, P, P) of the P numbers that describe it
-
-    # radii (…, K), ∂ρ/∂(the P numbers) (…, K, P), ∂ρ/∂(shift in u and v) (…, K, 2)
-    def polar(self, angles, pole): ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +94,7 @@ class Deformation:
 
 
 def deformation(
-    first: Outline, second: Outline, *, pole=None, angles=ANGLES, registration=None
+    first: EllipseFit, second: EllipseFit, *, pole=None, angles=ANGLES, registration=None
 ) -> Deformation:
     """Δρ(α) of the outlines of two epochs, in one frame, with everything needed for its covariance.
 
@@ -136,10 +125,6 @@ def deformation(
     if angles.ndim != 1:
         raise ValueError(f"angles: expected shape (K,), got {angles.shape}")
     if pole is None:
-        if not isinstance(first, EllipseFit):
-            raise ValueError(
-                "pole: expected a place, because the first outline has no centre of its own; got None"
-            )
         pole = first.center
     parts = [first.regular_covariance, second.regular_covariance]
     if parts[0].shape[:-2] != parts[1].shape[:-2]:
@@ -238,12 +223,10 @@ class Split:
     """
 
     mean: np.ndarray
-    mean_standard_deviation: np.ndarray
     translation: np.ndarray
     translation_covariance: np.ndarray
     rigid: np.ndarray
     shape: np.ndarray
-    shape_standard_deviations: np.ndarray
 
 
 def split(change: Deformation, order: int = ORDER) -> Split:
@@ -266,19 +249,13 @@ def split(change: Deformation, order: int = ORDER) -> Split:
     R = _factor(F)
     inverse = cofactor_from_factor(R) @ F.T  # of coefficients from Δρ
     coefficients, covariance = change.combination(inverse[:3])
-    rest = np.eye(len(F)) - F[:, :3] @ inverse[:3]
-    shape_gradient = rest @ change.gradient
     rigid = coefficients[..., 1:] @ F[:, 1:3].T
     return Split(
         coefficients[..., 0],
-        np.sqrt(covariance[..., 0, 0]),
         coefficients[..., [2, 1]],
         covariance[..., [[2], [1]], [2, 1]],
         rigid,
         change.difference - coefficients[..., :1] - rigid,
-        np.sqrt(
-            np.einsum("...kp,...pq,...kq->...k", shape_gradient, change.covariance, shape_gradient)
-        ),
     )
 
 
@@ -297,89 +274,6 @@ def fourier_rows(angles: np.ndarray, order: int = ORDER) -> np.ndarray:
         multiples.shape[:-1] + (-1,)
     )
     return np.concatenate([np.ones(waves.shape[:-1] + (1,)), waves], axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class RadialFit:
-    """Outlines ``ρ(α) = r0 + Σ_k (c_k cos kα + s_k sin kα)`` about a pole, fitted to the points of
-    sections (…).
-
-    coefficients : (…, 2·order + 1) m;  cofactor : of them;  sigma_0 : (…) m;  residuals : (…, n) m,
-        positive outside
-    """
-
-    pole: np.ndarray
-    order: int
-    coefficients: np.ndarray
-    cofactor: np.ndarray
-    sigma_0: np.ndarray
-    residuals: np.ndarray
-
-    @property
-    def regular_covariance(self) -> np.ndarray:
-        """(…, P, P) of the coefficients, m²."""
-        return np.asarray(self.sigma_0)[..., None, None] ** 2 * self.cofactor
-
-    def polar(
-        self, angles: np.ndarray, pole: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Radii (…, K), their gradients by the coefficients and by a shift; from the pole of the
-        fit only.
-        """
-        if not np.array_equal(np.broadcast_to(pole, self.pole.shape), self.pole):
-            raise ValueError(f"pole: expected that of the radial fit, {self.pole}, got {pole}")
-        F = fourier_rows(angles, self.order)
-        k = np.arange(1, self.order + 1)
-        radii = self.coefficients @ F.T
-        slope = (k * self.coefficients[..., 2::2]) @ F[:, 1::2].T - (
-            k * self.coefficients[..., 1::2]
-        ) @ F[:, 2::2].T
-        outwards, along = (
-            np.stack([np.sin(angles), np.cos(angles)], axis=-1),
-            np.stack([np.cos(angles), -np.sin(angles)], axis=-1),
-        )
-        shift = outwards - (slope / radii)[..., None] * along
-        return radii, np.broadcast_to(F, radii.shape + F.shape[-1:]), shift
-
-
-def fit_radial(points, pole, *, order: int = ORDER, weights=None) -> RadialFit:
-    """Least-squares Fourier series of the radius: linear, and nothing special about a circle.
-
-    points : (n, 2) or (…, n, 2) in m; pole : (2,) or (…, 2) inside; weights : (n,) or (…, n) ≥ 0,
-        such as the ``weights`` of a robust
-    ellipse, which are 0 for its outliers. None for ones.
-
-    Raises ``ValueError`` for fewer points than coefficients, or when they leave so large a gap that
-    the terms are not told apart.
-
-    >>> alpha = np.linspace(-2.3, 2.3, 60)
-    >>> fit = fit_radial(np.column_stack([2.7 * np.sin(alpha), 2.7 * np.cos(alpha)]), [0.0, 0.1])
-    >>> bool(np.abs(fit.residuals).max() < 1e-5)  # a circle seen from elsewhere is nearly such a series
-    True
-    """
-    count = 2 * check_whole_number(order, "order") + 1
-    points = point_array(points, 2, count, f"a radial series of order {order}")
-    lead, n = points.shape[:-2], points.shape[-2]
-    pole = np.broadcast_to(_of_shape(pole, lead, (2,), "pole"), lead + (2,))
-    P = np.broadcast_to(
-        1.0 if weights is None else _of_shape(weights, lead, (n,), "weights"), lead + (n,)
-    )
-    if (P < 0).any():
-        raise ValueError(f"weights: expected none below 0, got a smallest value of {P.min():g}")
-    u, v = np.moveaxis(points - pole[..., None, :], -1, 0)
-    radii, F = np.hypot(u, v), fourier_rows(np.arctan2(u, v), order)
-    root = np.sqrt(P)[..., None]
-    R = _factor(root * F)
-    cofactor = cofactor_from_factor(R)
-    coefficients = solve(
-        R, solve(R.swapaxes(-1, -2), (F * P[..., None]).swapaxes(-1, -2) @ radii[..., None])
-    )[..., 0]
-    residuals = radii - np.einsum("...np,...p->...n", F, coefficients)
-    redundancy = np.count_nonzero(P, axis=-1) - count
-    sigma_0 = np.sqrt(
-        np.sum(P * residuals**2, axis=-1) / np.where(redundancy > 0, redundancy, np.nan)
-    )
-    return RadialFit(pole, order, coefficients, cofactor, sigma_0, residuals)
 
 
 def _factor(rows: np.ndarray) -> np.ndarray:

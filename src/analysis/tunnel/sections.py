@@ -26,7 +26,7 @@ import numpy as np
 from ..adjustment.linalg import solve
 from ..adjustment.weights import ROUNDED_MAD_TO_SD, Bisquare
 from ..blocks import pieces
-from ..checks import check_positive, finite_array, point_array, real_array
+from ..checks import check_positive, finite_array, point_array
 from .axis import Axis
 
 THICKNESS = 0.05  # m (Li et al. 2015, section 4.2.2)
@@ -80,11 +80,6 @@ class Section:
         """(n,) directions of the points, rad in (−π, π]: 0 crown, + right."""
         return np.arctan2(self.u, self.v)
 
-    @property
-    def projected(self) -> np.ndarray:
-        """(n, 3) the points projected onto the plane of the section, in the system of the scans, m."""
-        return self.position + self.u[:, None] * self.right + self.v[:, None] * self.up
-
 
 @dataclass(frozen=True, eq=False)
 class Radii:
@@ -112,47 +107,6 @@ class Radii:
     def gaps(self) -> np.ndarray:
         """Where nothing can be said, bool."""
         return np.isnan(self.radius)
-
-
-# --------------------------------------------------------------------------------- planes
-
-
-def section_plane(axis: Axis, y: float) -> np.ndarray:
-    """(4,) coefficients (k, 1, k', m) of the section plane ``F = k x + y + k' z + m = 0`` at local
-    y, in the local frame.
-
-        k = dx/dy,   k' = dz/dy,   m = −(k x_p + y_p + k' z_p)
-
-    Source: Li et al. (2015), eqs. (4)-(5).
-    """
-    (x, z), (k, kk), _ = axis.local_curve(y)
-    return np.array([k, 1.0, kk, -(k * x + y + kk * z)])
-
-
-def plane_distances(points, plane) -> np.ndarray:
-    """Signed distances ``F/√(1 + k² + k'²)`` (n,) of points (n, 3) of the local frame; Li et al.
-    (2015), eq. (6).
-
-    >>> plane_distances(np.array([[5.0, 3.0, 1.0]]), np.array([0.0, 1.0, 0.0, -1.0]))
-    array([2.])
-    """
-    points, plane = real_array(points, "points"), real_array(plane, "plane")
-    return (points @ plane[:3] + plane[3]) / np.linalg.norm(plane[:3])
-
-
-def project(points, plane) -> np.ndarray:
-    """Points (n, 3) of the local frame moved onto the plane along its normal.
-
-        P' = P − F(P)/(1 + k² + k'²) · (k, 1, k')
-
-    Source: Li et al. (2015), eqs. (9)-(10).
-
-    >>> project(np.array([[5.0, 3.0, 1.0]]), np.array([0.0, 1.0, 0.0, -1.0]))
-    array([[5., 1., 1.]])
-    """
-    plane = real_array(plane, "plane")
-    normal = plane[:3] / np.linalg.norm(plane[:3])
-    return points - plane_distances(points, plane)[:, None] * normal
 
 
 # --------------------------------------------------------------------------------- cutting

@@ -20,13 +20,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from scipy.stats import chi2, norm
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from ..adjustment.linalg import solve
-from ..checks import check_positive, check_whole_number, finite_array, real_array
+from ..checks import check_positive, finite_array, real_array
 from .sections import Radii
 
 LIMITS = (0.006, 0.012)  # m, between the classes
@@ -366,43 +365,3 @@ def _enlargement(t: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     t = np.maximum(np.abs(t), 1e-3)  # below, the ratio does not change any more
     z = np.minimum(norm.isf(student.sf(t, freedom)), LARGEST_NORMAL)
     return (t / z) ** 2
-
-
-# --------------------------------------------------------------------------------- a study
-
-
-def false_alarms(
-    sigmas: Sequence[float] = (0.002, 0.003, 0.005), *, draws: int = 100_000, seed: int = 0
-) -> pd.DataFrame:
-    """How often the limits of 6 and 12 mm are passed without deformation, by single points of
-    standard deviation σ.
-
-    Each difference is that of two points: it has the standard deviation √2 σ, and
-    ``P(|δ| > limit) = 2 Φ(−limit/(√2 σ))``.
-
-    Returns
-    -------
-    One row a σ and limit: ``sigma_mm``, ``limit_mm``, ``simulated`` and ``theory``, shares, and
-    ``standard_error`` of the simulated.
-
-    >>> table = false_alarms((0.002, 0.003, 0.005), draws=10)
-    >>> (100 * table["theory"][table["limit_mm"] == 6]).round(1).tolist()
-    [3.4, 15.7, 39.6]
-    """
-    draws, generator = check_whole_number(draws, "draws"), np.random.default_rng(seed)
-    unit = generator.standard_normal((2, draws))
-    rows = []
-    for sigma in sigmas:
-        delta = check_positive(sigma, "sigmas") * (unit[1] - unit[0])
-        for limit in LIMITS:
-            theory = 2.0 * norm.sf(limit / (np.sqrt(2.0) * sigma))
-            rows.append(
-                {
-                    "sigma_mm": 1e3 * sigma,
-                    "limit_mm": 1e3 * limit,
-                    "simulated": share_beyond(delta, limit),
-                    "theory": theory,
-                    "standard_error": np.sqrt(theory * (1.0 - theory) / draws),
-                }
-            )
-    return pd.DataFrame(rows)

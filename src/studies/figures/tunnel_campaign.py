@@ -10,11 +10,12 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from analysis.export.figures import GREY, GROSS, TRUTH, headed, new
-from analysis.tunnel.axis import Axis, mid_values
+from analysis.tunnel.axis import Axis
 from analysis.tunnel.filter import INSIDE, LINING, OUTSIDE, FilteredLining
 from analysis.tunnel.sections import Section, equal_angles, local_radii
 
 from ..li_2015.epoch_cloud import EpochCloud
+from ..li_2015.printed_axis import mid_values
 from ..li_2015.register_campaign import control_net, station_names
 from ..li_2015.registration_accuracy import JOINT_MM
 from ..li_2015.section_density import ring_points

@@ -10,11 +10,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from analysis.tunnel.axis import Axis, printed_axis, robust_axis
+from analysis.tunnel.axis import Axis
+from analysis.tunnel.axis_estimation import robust_axis
 
 from ..simulation.tunnel import ZONE, Tunnel
 from ..simulation.tunnel.campaign import ELEVATION, INSTRUMENT_HEIGHT, STATIONS
 from .epoch_cloud import EpochCloud
+from .printed_axis import printed_axis
 
 MARGIN = 1.0  # m cut off at both ends where they shall have no influence
 COMPARED = (ZONE[0] + 5.0, ZONE[1] - 5.0)  # m, where axes are compared

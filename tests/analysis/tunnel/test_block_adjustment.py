@@ -12,7 +12,8 @@ from scipy.stats import chi2
 from analysis.result import ConvergenceWarning
 from analysis.similarity import fit_similarity
 from analysis.tunnel import block_adjustment
-from analysis.tunnel.axis import robust_axis, straight
+from analysis.tunnel.axis import straight
+from analysis.tunnel.axis_estimation import robust_axis
 from analysis.tunnel.block_adjustment import Ties, adjust_block, singly, surface_ties
 from analysis.tunnel.registration import Station
 from studies.li_2015 import epoch_cloud, epoch_shift, register_campaign, wrong_pairs

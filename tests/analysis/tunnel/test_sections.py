@@ -7,17 +7,7 @@ import pytest
 
 from analysis.tunnel import sections as module
 from analysis.tunnel.axis import Axis, straight
-from analysis.tunnel.sections import (
-    DIRECTIONS,
-    STEP,
-    Section,
-    cut,
-    equal_angles,
-    local_radii,
-    plane_distances,
-    project,
-    section_plane,
-)
+from analysis.tunnel.sections import DIRECTIONS, STEP, Section, cut, equal_angles, local_radii
 
 RADIUS = 2.7
 
@@ -105,17 +95,6 @@ def test_polar_coordinates_have_the_crown_at_zero_and_right_positive():
     directions = np.radians([0, 90, 180, 270, 45])
     assert np.allclose(np.exp(1j * section.alpha[order]), np.exp(1j * directions), atol=1e-9)
     assert np.allclose(section.rho[order], [2, 3, 4, 5, np.sqrt(2)], atol=1e-9)
-
-
-def test_projection_as_printed_is_dropping_w():
-    axis = curved()
-    points = tube(axis, 20_000, np.random.default_rng(2), sigma=0.01)
-    (section,) = cut(points, axis, [25.0], thickness=0.5)
-    assert section.count > 100
-    plane, local = section_plane(axis, section.y), axis.to_local(points[section.index])
-    assert plane[1] == 1.0 and np.allclose(plane_distances(local, plane), section.w, atol=1e-9)
-    assert np.allclose(axis.from_local(project(local, plane)), section.projected, atol=1e-9)
-    assert np.abs(plane_distances(project(local, plane), plane)).max() < 1e-9
 
 
 def test_projection_along_a_straight_tunnel_leaves_no_trace_and_in_a_curve_the_sagitta():

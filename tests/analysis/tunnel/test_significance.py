@@ -15,7 +15,6 @@ from analysis.tunnel.significance import (
     LEVEL,
     classes,
     differences,
-    false_alarms,
     flagged,
     share_beyond,
     significance,
@@ -163,16 +162,6 @@ def test_share_counts_the_directions_seen_only():
 
 # --------------------------------------------------------------------------------- the fixed
 # threshold
-
-
-def test_false_alarms_of_the_printed_limits_are_as_theory_says():
-    table = false_alarms(draws=40_000, seed=5)
-    assert np.all(
-        np.abs(table["simulated"] - table["theory"]) <= 4 * table["standard_error"] + 1e-12
-    )
-    theory = table.set_index(["sigma_mm", "limit_mm"])["theory"]
-    assert (100 * theory.xs(6.0, level="limit_mm")).round(1).tolist() == [3.4, 15.7, 39.6]
-    assert np.allclose(100 * theory.xs(12.0, level="limit_mm"), [0.0022, 0.47, 9.0], rtol=0.02)
 
 
 def test_false_alarms_of_printed_sections_are_those_of_single_points():
@@ -442,7 +431,6 @@ BLIND = replace(GOOD, radius=np.full(len(DIRECTIONS), np.nan))
         (lambda: significance(GOOD, GOOD, level=0.0), "level: expected a positive"),
         (lambda: classes([0.0], limits=(0.012, 0.006)), "two ascending"),
         (lambda: flagged([0.0], share=-0.1), "share: expected a positive"),
-        (lambda: false_alarms((0.0,), draws=10), "sigmas: expected a positive"),
     ],
 )
 def test_bad_input_is_refused(call, message):

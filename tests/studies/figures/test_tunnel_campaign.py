@@ -6,12 +6,13 @@ import pytest
 from matplotlib import pyplot
 from numpy.testing import assert_allclose
 
-from analysis.tunnel.axis import mid_values, printed_axis, straight
+from analysis.tunnel.axis import straight
 from analysis.tunnel.filter import INSIDE, LINING, OUTSIDE, FilteredLining
 from analysis.tunnel.sections import equal_angles
 from studies.figures import tunnel_campaign as figures
 from studies.li_2015 import filter_accuracy, section_density, sticker_accuracy
 from studies.li_2015.epoch_cloud import join_scans
+from studies.li_2015.printed_axis import mid_values, printed_axis
 from studies.li_2015.register_campaign import control_net, register
 from studies.li_2015.thirteen_parameters import start_study
 from studies.simulation.tunnel import ZONE, simulate_campaign

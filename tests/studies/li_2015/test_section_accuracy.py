@@ -141,7 +141,10 @@ def test_casting_on_several_workers_changes_nothing():
 def test_section_has_the_form_of_one_cut_from_a_scan(sections):
     points = sections[1].draw(1, 2)[0][0]
     section = sections[1].section(points)
-    chainage, u, v = sections[1].tunnel.alignment.section_coordinates(section.projected)
+    projected = (
+        section.position + np.outer(section.u, section.right) + np.outer(section.v, section.up)
+    )
+    chainage, u, v = sections[1].tunnel.alignment.section_coordinates(projected)
     np.testing.assert_allclose([u, v], [section.u, section.v], atol=1e-9)
     np.testing.assert_allclose(chainage, 65.0, atol=1e-9)
 

@@ -1,0 +1,18 @@
+"""Medians of many groups at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Median of the values (n,), none negative, of each of ``count`` groups; NaN where there are
+    none.
+    """
+    # One number sorts faster than two.
+    order = np.argsort(group + 0.5 * values / max(values.max(), np.finfo(float).tiny))
+    values = values[order]
+    present, starts, sizes = np.unique(group[order], return_index=True, return_counts=True)
+    medians = np.full(count, np.nan)
+    medians[present] = 0.5 * (values[starts + (sizes - 1) // 2] + values[starts + sizes // 2])
+    return medians
