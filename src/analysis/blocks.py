@@ -14,3 +14,8 @@ def pieces(count: int, size: int = BLOCK) -> list[slice]:
     [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]
     """
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def point_pieces(points) -> list[slice]:
+    """Pieces of the point axis of (B, n, dim) such that all B clouds together fill a block."""
+    return pieces(points.shape[1], max(1, BLOCK // len(points)))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from ..adjustment.wtls import triangular_factor
-from ..blocks import BLOCK, pieces
+from ..blocks import point_pieces
 from ..result import Adjustment, Array, Fit
 from .observations import Observations
 
@@ -62,15 +62,11 @@ class Cloud:
         """The points with their cofactors in the frames."""
         return Observations.of(self.points, self.origin, self.length, self.cofactors_in_frame())
 
-    def pieces(self) -> list[slice]:
-        """Pieces of the point axis such that all clouds of the stack together fill a block."""
-        return pieces(self.count, max(1, BLOCK // len(self.points)))
-
     def factor_of(self, rows: Callable[[Array, Array, Array], Array]) -> Array:
         """Triangular factor (B, k, k) of ``√P rows(points, origin, length)``, rows (B, k, n)."""
 
         def blocks():
-            for piece in self.pieces():
+            for piece in point_pieces(self.points):
                 block = rows(self.points[:, piece], self.origin, self.length)
                 if self.weights is not None:
                     block *= np.sqrt(self.weights[:, None, piece])
@@ -120,7 +116,7 @@ class Cloud:
         distances : gives those (B, m) of points (B, m, dim), a piece at a time
         """
         d = np.empty(self.points.shape[:2])
-        for piece in self.pieces():
+        for piece in point_pieces(self.points):
             d[:, piece] = distances(self.points[:, piece])
         weights = adjustment.weights
         return kind(
@@ -141,7 +137,7 @@ def frame_of(points: Array) -> tuple[Array, Array]:
     # the centroid will do.
     origin = (np.ones((1, n)) @ points)[:, 0] / n
     squares = np.zeros(len(points))
-    for piece in pieces(n, max(1, BLOCK // len(points))):
+    for piece in point_pieces(points):
         D = points[:, piece] - origin[:, None, :]
         squares += np.einsum("bni,bni->b", D, D)
     return origin, np.exp2(np.round(0.5 * np.log2(np.maximum(squares / n, np.finfo(float).tiny))))

@@ -27,6 +27,7 @@ import numpy as np
 from ..adjustment.iteration import Ending, Stack, iterate
 from ..adjustment.linalg import cofactor_from_normal, solve
 from ..adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, WEIGHT_FUNCTIONS, WeightFunction
+from ..blocks import point_pieces
 from ..checks import check_one_of, check_positive, check_whole_number
 from ..result import Adjustment, Array, Fit
 from .cloud import ROUNDING
@@ -270,7 +271,7 @@ def _sums(
         squares=np.zeros(count),
         least_variance=np.full(count, np.inf),
     )
-    for part in points.pieces():
+    for part in point_pieces(points.points):
         f, J, variances = linearised(model, x, points.piece(part))
         squares = f * f / variances
         omega = (

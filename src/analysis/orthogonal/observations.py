@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blocks import BLOCK, pieces
+from ..blocks import point_pieces
 from ..result import Array
 
 
@@ -70,10 +70,6 @@ class Observations:
     def count(self) -> int:
         return self.points.shape[1]
 
-    def pieces(self) -> list[slice]:
-        """Pieces of the point axis such that all clouds of the stack together fill a block."""
-        return pieces(self.count, max(1, BLOCK // len(self.points)))
-
     def piece(self, part: slice) -> Points:
         """Some of the points of every cloud, in the frame."""
         given = self.points[:, part].swapaxes(-1, -2)
@@ -98,7 +94,7 @@ class Observations:
         if count < self.count:
             scale = 1e6 * (1.0 + np.random.default_rng(seed).uniform())
             digits = np.empty(self.points.shape[:2], dtype=np.float32)
-            for part in self.pieces():
+            for part in point_pieces(self.points):
                 along = scale * self.piece(part).oblique()
                 np.subtract(along, np.floor(along), out=digits[:, part])
             chosen = np.argpartition(digits, count - 1, axis=-1)[:, :count]

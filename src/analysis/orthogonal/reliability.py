@@ -34,6 +34,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from ..adjustment.linalg import solve
+from ..blocks import point_pieces
 from ..checks import check_one_of, check_positive, covariance_array, point_array, weight_array
 from ..result import Array, Fit
 from .gauss_helmert import linearised
@@ -148,7 +149,7 @@ def reliability(
 
     def blocks():
         """Weights, distances, Jacobian and variances of the distances, so many points at a time."""
-        for piece in data.pieces():
+        for piece in point_pieces(data.points):
             f, J, v = linearised(model, x, data.piece(piece))
             yield piece, omega[:, piece], f, J, np.broadcast_to(v, f.shape)
 

@@ -1,8 +1,8 @@
-"""Plane conics ``A u² + B uv + C v² + D u + E v + F = 0`` that are ellipses: through five points,
-best through many, and their geometry.
+"""Plane conics ``A u² + B uv + C v² + D u + E v + F = 0`` that are ellipses.
 
-The geometry of an ellipse is kept as (u0, v0, m, g, h): it is the image ``p = (u0, v0) + S e`` of
-the unit circle |e| = 1 with
+Here are those through five points, the best through many, and their geometry. The geometry of an
+ellipse is kept as (u0, v0, m, g, h): it is the image ``p = (u0, v0) + S e`` of the unit circle |e|
+= 1 with
 
     S = [m + g, h; h, m − g],   m = (a + b)/2,   (g, h) = (a − b)/2 · (cos 2φ, sin 2φ)
 
@@ -58,8 +58,7 @@ def ellipse_of(conic: Array) -> Array:
 
 
 def conic_of(x: Array) -> Array:
-    """(A, B, C, D, E, F), (…, 6), of ellipses (u0, v0, m, g, h), scaled so that the conic is −1 at
-    the centre.
+    """(A, B, C, D, E, F) (…, 6) of ellipses (u0, v0, m, g, h), scaled to −1 at the centre.
 
     >>> conic_of(np.array([1.0, 1.0, 1.5, 0.5, 0.0]))[[0, 2, 3, 4, 5]]
     array([ 0.25,  1.  , -0.5 , -2.  ,  0.25])
@@ -74,8 +73,7 @@ def conic_of(x: Array) -> Array:
 
 
 def axes_of(x: Array) -> tuple[Array, Array]:
-    """(u0, v0, a, b, φ), (…, 5), of ellipses (u0, v0, m, g, h), and the Jacobian (…, 5, 5) of the
-    one by the other.
+    """(u0, v0, a, b, φ) (…, 5) of ellipses (u0, v0, m, g, h), and their Jacobian (…, 5, 5).
 
     φ lies in [0, π). Of a circle it is undetermined; its derivatives, which grow as 1/(a − b), are
     then huge but finite.
@@ -98,9 +96,7 @@ def axes_of(x: Array) -> tuple[Array, Array]:
 
 
 def minimal_fit(samples: Array) -> Array:
-    """(u0, v0, m, g, h) of the ellipses through five points (…, 5, 2); NaN where the conic is no
-    ellipse, or not the only one.
-    """
+    """(u0, v0, m, g, h) of ellipses through five points (…, 5, 2); NaN unless there is one."""
     u, v = samples[..., 0], samples[..., 1]
     # With A + C = 1, which an ellipse always allows, five unknowns are left: A − C, B, D, E, F.
     columns = np.stack([0.5 * (u * u - v * v), u * v, u, v, np.ones_like(u)], axis=-1)
@@ -113,11 +109,11 @@ def minimal_fit(samples: Array) -> Array:
 
 
 def direct_from_factor(R: Array) -> tuple[Array, Array]:
-    """The ellipse ``min Σ P f²`` with 4AC − B² = 1 from the triangular factor (…, 6, 6) of the rows
-    ``√P (1, u, v, u², uv, v²)``.
+    """The ellipse ``min Σ P f²`` with 4AC − B² = 1, from a triangular factor (…, 6, 6).
 
-    Returns conics (…, 6), and (…) bool: whether without the condition, at |(A, B, C)| = 1, the best
-    conic is an ellipse too.
+    It is that of the rows ``√P (1, u, v, u², uv, v²)``. Returns conics (…, 6), and (…) bool:
+    whether without the condition, at |(A, B, C)| = 1, the best conic is an ellipse too.
+
     Source: Fitzgibbon, Pilu & Fisher 1999; Halir & Flusser 1998.
     """
     _, s, Vt = np.linalg.svd(R[..., 3:, 3:])
@@ -127,11 +123,10 @@ def direct_from_factor(R: Array) -> tuple[Array, Array]:
 
 
 def direct_from_points(points: Array, weights: Array) -> tuple[Array, Array]:
-    """The same of points (…, n, 2) with weights (…, n), a little less accurately, from sums of
-    powers.
+    """The ellipse ``min Σ P f²`` with 4AC − B² = 1 of points (…, n, 2) with weights (…, n).
 
-    Leading axes broadcast: for K sets of weights (B, K, n) the powers of points (B, 1, n, 2) are
-    made once.
+    From sums of powers, which is a little less accurate than from the factor. Leading axes
+    broadcast: for K sets of weights (B, K, n) the powers of points (B, 1, n, 2) are made once.
     """
     u, v = points[..., 0], points[..., 1]
     powers_u, powers_v = [np.ones_like(u), u, u * u], [np.ones_like(v), v, v * v]

@@ -8,7 +8,7 @@ axis is lost. What a fit reports as ``parameters`` is (u0, v0, a, b, φ); what i
 for at any shape are functions of (u0, v0, m, g, h).
 
 The foot of a point is the place on the ellipse nearest to it. It is found in the axes of the
-ellipse from one scalar equation a point, whose Newton iteration rises to the root from below for
+ellipse from one scalar equation per point, whose Newton iteration rises to the root from below for
 every point: inside, at the centre, on an axis.
 """
 
@@ -32,7 +32,7 @@ from .conic import axes_of, conic_of, direct_from_factor, direct_from_points, el
 from .conic import minimal_fit as conic_minimal_fit
 
 PARAMETERS = 5
-STANDS_STILL = 1e-10  # change of the robust direct ellipse, in the frame's unit
+SETTLED = 1e-10  # change of the robust direct ellipse, in the frame's unit
 NEAREST_TO_ZERO = 1e-30  # coordinate of a point in the ellipse's own unit
 # A fit to points on one branch of a hyperbola runs away along ellipses that only grow. Mean
 # semi-axis in units of the cloud's extent,
@@ -161,9 +161,7 @@ def _matrix(x: Array) -> Array:
 
 
 def _feet(x: Array, points: Array) -> tuple[Array, Array, Array]:
-    """p − centre, e of the foot and the outward normal there, each (…, 2, n), of points (…, n, 2)
-    and ellipses x (…, 5).
-    """
+    """p − centre, e of the foot and the outward normal there, each (…, 2, n)."""
     P = points.swapaxes(-1, -2) - x[..., :2, None]
     half = np.hypot(x[..., 3], x[..., 4])
     a, b = (x[..., 2] + half)[..., None], (x[..., 2] - half)[..., None]
@@ -181,8 +179,7 @@ def _feet(x: Array, points: Array) -> tuple[Array, Array, Array]:
 
 
 def _eccentric(X: Array, Y: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """(cos τ, sin τ) of the foot (a cos τ, b sin τ) of points (X, Y) in the axes of their ellipses,
-    a ≥ b.
+    """(cos τ, sin τ) of the foot (a cos τ, b sin τ) of (X, Y) in the axes of the ellipse, a ≥ b.
 
     The foot is ``(a²X/(w + a² − b²), b²Y/w)`` with the root w > 0 of |(cos τ, sin τ)| = 1. Newton
     on 1/|(cos τ, sin τ)|, which is nearly linear in w, rises to it from where one of the two is 1.
@@ -204,11 +201,9 @@ def _eccentric(X: Array, Y: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def polar(x: Array, angles: Array, pole: Array) -> tuple[Array, Array, Array]:
-    """Radii of ellipses x (…, 5) from a pole (…, 2) inside, towards (sin α, cos α) for angles α
-    (K,): up is 0, right is positive.
+    """Radii of ellipses x (…, 5) from a pole (…, 2) inside, at angles α (K,) from up to the right.
 
-    ``|q + ρ D| = 1`` with q = S⁻¹(pole − centre), D = S⁻¹(sin α, cos α), of which ρ is the positive
-    root.
+    ρ is the positive root of ``|q + ρ D| = 1``, q = S⁻¹(pole − centre), D = S⁻¹(sin α, cos α).
 
     Returns ρ (…, K) in m, NaN where the pole is outside; ∂ρ/∂x (…, K, 5), which follows from
     ``d(x, pole + ρδ) = 0`` for the orthogonal distance d; and ∂ρ/∂t (…, K, 2) of a shift t of the
@@ -385,8 +380,7 @@ def _rows(points: Array, origin: Array, length: Array) -> Array:
 
 
 def direct(cloud: EllipseCloud) -> EllipseFit:
-    """Direct least squares, ``min Σ P f²`` with 4AC − B² = 1: the algebraic conic that is always an
-    ellipse.
+    """Direct least squares, ``min Σ P f²`` with 4AC − B² = 1, which only ellipses fulfil.
 
     σ0 = √(ΣPd²/(n − 5)) of the orthogonal distances. Its covariance is that of a fit whose residual
     f is d times the slope of f. The condition favours small and flat ellipses: with noise the
@@ -421,12 +415,11 @@ def robust_direct(
     k1: float = PRINTED_THRESHOLDS[1],
     max_iterations: int = 200,
 ) -> EllipseFit:
-    """Direct least squares with IGG III weights of the distances over their MAD, repeated until the
-    ellipse stands still.
+    """Direct least squares with IGG III weights of the distances over their MAD.
 
-    The weights multiply the a-priori ones and do not accumulate. It starts from all points, so a
-    large group of gross errors on one side can hold it. σ0 = 1.4826 med|d| n/(n − 5), the scale
-    that the weights were found with.
+    Repeated until the ellipse no longer changes. The weights multiply the a-priori ones and do not
+    accumulate. It starts from all points, so a large group of gross errors on one side can hold it.
+    σ0 = 1.4826 med|d| n/(n − 5), the scale that the weights were found with.
 
     Source: after Xu & Yao 2008, as cited by Li et al. 2015, section 3.4.2; weights of Ou & Liu
     2017, eq. (13).
@@ -447,7 +440,7 @@ def robust_direct(
         lost = ~np.isfinite(change)
         return State(np.where(lost[:, None], state.x, new), sigma, weights), {
             Ending.NO_ELLIPSE: lost,
-            Ending.ELLIPSE: change <= STANDS_STILL,
+            Ending.ELLIPSE: change <= SETTLED,
         }
 
     points = cloud.observations().all()
@@ -467,8 +460,9 @@ def _only_ellipses(adjustment: Adjustment, natural: np.ndarray) -> Adjustment:
 
 
 def _algebraic_cofactor(x: Array, points: Points, weights: Array) -> Array:
-    """Cofactor ``N⁻¹MN⁻¹``, N = Σ G²wJJᵀ, M = Σ G⁴w²v/ω JJᵀ, w = ω/v: f ≈ G d, where G is the slope
-    of f at the foot.
+    """Cofactor ``N⁻¹MN⁻¹``, N = Σ G²wJJᵀ, M = Σ G⁴w²v/ω JJᵀ, w = ω/v.
+
+    f ≈ G d, where G is the slope of f at the foot.
     """
     _, J = EllipseModel.linearised(x, points.D)
     _, e, _ = _feet(x, points.D)

@@ -26,6 +26,7 @@ from ..adjustment.steps import newton_step, objective
 from ..adjustment.wtls import Estimate
 from ..adjustment.wtls import ls as least_squares
 from ..adjustment.wtls import tls as total_least_squares
+from ..blocks import point_pieces
 from ..checks import check_one_of, check_whole_number
 from ..orthogonal.cloud import DegenerateCloud
 from ..result import Adjustment, Array
@@ -200,7 +201,7 @@ def _orthogonal(cloud: PlaneCloud, max_iterations: int) -> Adjustment:
         return _principal_components(cloud)
     _, axes = cloud.principal_axes
     A_w = np.empty((len(axes), 4, cloud.count))
-    for piece in cloud.pieces():
+    for piece in point_pieces(cloud.points):
         D = (cloud.points[:, piece] - cloud.origin[:, None, :]) / cloud.length[:, None, None]
         A_w[:, [0, 1, 3], piece] = (D @ axes).swapaxes(-1, -2)
     A_w[:, 2] = 1.0

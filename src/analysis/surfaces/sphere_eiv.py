@@ -5,7 +5,7 @@
 
 Here x is (k, δ). Everything is solved in coordinates ``D = (p − origin)/length``, origin the
 centroid: the rows ``(2D, 1, |D|²)`` are the printed rows times a known matrix
-(:func:`_to_cloud_frame`), so the printed weights, which depend on the printed origin, are carried
+(:func:`_frame_change`), so the printed weights, which depend on the printed origin, are carried
 over exactly and only the rounding error of large coordinates is lost. Pure TLS alone must see the
 printed numbers.
 
@@ -62,7 +62,8 @@ def tls(cloud: SphereCloud) -> SphereFit:
     unit of length; large coordinates lose it altogether. σ0 = √(Σr²/(n − 4)) in m², as printed.
     Source: Ou & Liu 2017, tables 1-3.
     """
-    X, _ = smallest_singular_solution(cloud.factor @ _to_printed_frame(cloud).swapaxes(-1, -2))
+    back = _frame_change(-cloud.origin / cloud.length[:, None], 1.0 / cloud.length)
+    X, _ = smallest_singular_solution(cloud.factor @ back.swapaxes(-1, -2))
     k = (X[..., :3] - cloud.origin) / cloud.length[:, None]
     square = squared_radius(X) / cloud.length**2
     x = np.concatenate([k, (square - np.sum(k * k, axis=-1))[..., None]], axis=-1)
@@ -246,35 +247,21 @@ class PointCofactors(IndependentRows, Stack):
         return total
 
 
-def _to_cloud_frame(cloud: SphereCloud) -> Array:
-    """(B, 5, 5) matrix L with ``(2D, 1, |D|²) = L (2p, 1, |p|²)``."""
-    m, length = cloud.origin, cloud.length[:, None]
-    L = np.zeros((len(m), 5, 5))
-    L[:, [0, 1, 2], [0, 1, 2]] = 1.0 / length
-    L[:, :3, 3] = -2.0 * m / length
+def _frame_change(origin: Array, length: Array) -> Array:
+    """(B, 5, 5) matrix L with ``(2D, 1, |D|²) = L (2p, 1, |p|²)`` for D = (p − origin)/length."""
+    L = np.zeros((len(origin), 5, 5))
+    L[:, [0, 1, 2], [0, 1, 2]] = 1.0 / length[:, None]
+    L[:, :3, 3] = -2.0 * origin / length[:, None]
     L[:, 3, 3] = 1.0
-    L[:, 4, :3] = -m / length**2
-    L[:, 4, 3] = np.sum(m * m, axis=-1) / cloud.length**2
-    L[:, 4, 4] = 1.0 / cloud.length**2
+    L[:, 4, :3] = -origin / length[:, None] ** 2
+    L[:, 4, 3] = np.sum(origin * origin, axis=-1) / length**2
+    L[:, 4, 4] = 1.0 / length**2
     return L
-
-
-def _to_printed_frame(cloud: SphereCloud) -> Array:
-    """(B, 5, 5) inverse of :func:`_to_cloud_frame`."""
-    m, length = cloud.origin, cloud.length[:, None]
-    K = np.zeros((len(m), 5, 5))
-    K[:, [0, 1, 2], [0, 1, 2]] = length
-    K[:, :3, 3] = 2.0 * m
-    K[:, 3, 3] = 1.0
-    K[:, 4, :3] = m * length
-    K[:, 4, 3] = np.sum(m * m, axis=-1)
-    K[:, 4, 4] = cloud.length**2
-    return K
 
 
 def _common_cofactors(cloud: SphereCloud, printed: list[float]) -> Array:
     """Common cofactor ``diag(printed)`` of the printed rows (2p, 1, |p|²), in the cloud's frame."""
-    L = _to_cloud_frame(cloud)
+    L = _frame_change(cloud.origin, cloud.length)
     return (L * np.array(printed)) @ L.swapaxes(-1, -2)
 
 
