@@ -29,6 +29,8 @@ ARC_SECOND = np.pi / 648_000  # rad
 class Scanner:
     """A scanner: stochastic model, beam and reach.
 
+    Parameters
+    ----------
     name : its name in tables
     range_sd : σ_1 in m, of a range at perpendicular incidence
     angle_sd : σ_α in rad, of the direction in either sense across the beam
@@ -47,9 +49,12 @@ class Scanner:
         divergence the beam is a line and there are no mixed pixels.
     min_range, max_range : m, reach
 
-    Raises ``ValueError`` for standard deviations that are not positive, and numbers outside their
-    range.
+    Raises
+    ------
+    ValueError : standard deviations that are not positive, numbers outside their range.
 
+    Example
+    -------
     >>> scanner = Scanner("example", range_sd=0.002, angle_sd=6e-5)
     >>> Q = scanner.cofactors([[0.0, 10.0, 0.0]])
     >>> np.round(1e6 * np.diagonal(Q[0]), 2)  # mm²: across, along the beam, across
@@ -104,10 +109,8 @@ class Scanner:
         array([2.  , 2.83, 4.8 ])
         """
         cosines = np.maximum(np.abs(cosines), np.cos(self.max_incidence))
-        return (
-            np.hypot(self.range_sd, self.range_rate * np.asarray(ranges))
-            * cosines**-self.incidence_exponent
-        )
+        perpendicular = np.hypot(self.range_sd, self.range_rate * np.asarray(ranges))
+        return perpendicular * cosines**-self.incidence_exponent
 
     def cofactors(self, points, station=(0.0, 0.0, 0.0), normals=None) -> np.ndarray:
         """Cofactors ``Q = σ_ρ² b bᵀ + ρ² (σ_h² h hᵀ + σ_v² v vᵀ)`` of scanned points.
@@ -121,13 +124,16 @@ class Scanner:
 
         Returns
         -------
-        (…, n, 3, 3), symmetric and positive definite: what ``fit_sphere(points, cofactors=…)``
-        takes.
+        (…, n, 3, 3) absolute variances in m², symmetric and positive definite, as
+        ``fit_sphere(points, cofactors=…)`` takes them.
 
-        Raises ``ValueError`` for wrong shapes, NaN or infinity, a point in the station, a normal of
-        length 0, and with ``azimuth_sd`` a point in the vertical axis, where the azimuth is not
-        defined.
+        Raises
+        ------
+        ValueError : wrong shapes, NaN or infinity, a point in the station, a normal of length 0;
+            with ``azimuth_sd`` a point in the vertical axis, where the azimuth is not defined.
 
+        Example
+        -------
         >>> LEICA_C10.cofactors(np.ones((5, 7, 3))).shape
         (5, 7, 3, 3)
         """

@@ -110,6 +110,10 @@ def igg3_wtls(
     covariance is that of weighted least squares with the final weights, which is what the paper's
     theory offers and is too optimistic, since the weights come from the same residuals.
 
+    Raises
+    ------
+    ValueError : thresholds or a tolerance that are not positive or in order, an unknown reading.
+
     Source: Ou & Liu 2017, eqs. (11)-(18).
     """
     function = IGG3(check_positive(k0, "k0"), check_positive(k1, "k1"), power)

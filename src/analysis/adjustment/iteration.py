@@ -103,6 +103,8 @@ def iterate(
 ) -> tuple[State, Convergence]:
     """Repeat ``state, endings = advance(problem, state)`` until each problem of a stack has ended.
 
+    Parameters
+    ----------
     problem : anything that a mask over the leading axis selects from
     state : a :class:`Stack` with that leading axis (B, …)
     advance : gives the next state and the problems (B,) bool that each ending applies to; where
@@ -113,7 +115,7 @@ def iterate(
     in a stack of any size.
     """
     count = len(state)
-    # made when one of several has ended: a single problem, which may be large, is never there twice
+    # Made when the first of several has ended: a single state, which may be large, is not doubled.
     final: State | None = None
     active = np.arange(count)
     iterations = np.full(count, max_iterations)
@@ -122,10 +124,12 @@ def iterate(
         state, endings = advance(problem, state)
         stopped = np.any(list(endings.values()), axis=0) | (iteration == max_iterations)
         if stopped.any():
+            # 1. say how and when
             ended = active[stopped]
             iterations[ended] = iteration
             for one, mask in reversed(endings.items()):  # so that the first comes last, and stays
                 ending[active[mask]] = one
+            # 2. set aside what has ended, and go on with the others
             if len(ended) == count:
                 break
             if final is None:

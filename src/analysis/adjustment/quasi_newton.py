@@ -82,6 +82,8 @@ def minimise(
 ) -> tuple[np.ndarray, Convergence]:
     """Minimise Φ from x (B, m) for a stack of problems.
 
+    Parameters
+    ----------
     update : :func:`bfgs` or :func:`dfp`; left out where ``vᵀs ≤ 1e-12 |v||s|``, so that H stays
         positive definite.
     tolerance : relative length below which both the last step and the Gauss-Newton step that would
@@ -94,18 +96,22 @@ def minimise(
 
     def advance(problem: EIVProblem, state: _State):
         x, H, gauss_newton, gradient = state.x, state.H, state.gauss_newton, state.gradient
+        # 1. direction
         d = -_times(H, gradient)
         uphill = ~(_dot(gradient, d) < 0)
         if uphill.any():
             H = np.where(uphill[:, None, None], gauss_newton, H)
             d = -_times(H, gradient)
+        # 2. step
         alpha, new_value, new_gradient, tried = line_search(problem, x, d, state.value, gradient)
         s, v = alpha[:, None] * d, new_gradient - gradient
         new = x + s
         if watch is not None:
             watch(new, tried)
+        # 3. inverse Hessian
         learns = _dot(v, s) > 1e-12 * _length(v) * _length(s)
         H = np.where(learns[:, None, None], update(H, s, v), H)
+        # 4. endings
         length = np.maximum(_length(s), _length(_times(gauss_newton, new_gradient)))
         size = _length(new)
         lost, stuck = ~np.isfinite(length), alpha == 0

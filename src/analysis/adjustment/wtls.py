@@ -103,9 +103,13 @@ def ls(A, y, weights=None) -> Estimate:
     y : (…, n)
     weights : (n,) or (…, n) positive P, or None for ones.
 
-    Raises ``ValueError`` for wrong shapes, NaN or infinity, non-positive weights and columns
-    that depend on one another.
+    Raises
+    ------
+    ValueError : wrong shapes, NaN or infinity, weights that are not positive, columns that depend
+        on one another.
 
+    Example
+    -------
     >>> estimate = ls([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]], [1.0, 3.0, 5.0])
     >>> estimate.x.round(12)
     array([1., 2.])
@@ -130,9 +134,12 @@ def tls(A, y) -> Estimate:
     ``[A | y] = U Σ Vᵀ``, ``x = −V[:m, m] / V[m, m]``. σ0 = σ_min/√(n − m) is the standard
     deviation of one element of ``[A | y]``.
 
-    Parameters, errors: as :func:`ls`, no weights. Source: Golub & Van Loan 1980; Van Huffel &
-    Vandewalle 1991, algorithm 3.1.
+    Parameters and errors as of :func:`ls`, without weights.
 
+    Source: Golub & Van Loan 1980; Van Huffel & Vandewalle 1991, algorithm 3.1.
+
+    Example
+    -------
     >>> A = [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
     >>> tls(A, [1.0, 2.0, 3.0]).x.round(12)
     array([1., 2.])
@@ -150,9 +157,14 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
     A : (…, n, m); y : (…, n)
     exact_columns : indices of the columns without errors (a column of ones, say).
 
-    Errors: as :func:`ls`, and for an index that is no column. Source: Van Huffel & Vandewalle
-    1991, algorithm 3.2.
+    Raises
+    ------
+    ValueError : as :func:`ls`, and an index that is no column or occurs twice.
 
+    Source: Van Huffel & Vandewalle 1991, algorithm 3.2.
+
+    Example
+    -------
     >>> x, y = np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0, 5.0])
     >>> mixed_ls_tls(np.column_stack([np.ones(3), x]), y, exact_columns=[0]).x.round(12)
     array([1., 2.])
@@ -171,13 +183,11 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
     x1 = solve(R[..., :e, :e], R[..., :e, m:] - R[..., :e, e:m] @ x2[..., None])[..., 0]
     x = np.empty(R.shape[:-2] + (m,))
     x[..., order] = np.concatenate([x1, x2], axis=-1)
-    # Adjusted rows Ã = A + t xᵀ with t = r/(1+|x₂|²); with Aᵀr = −Φ x₂ this is ÃᵀÃ = AᵀA − Φ
-    # x₂x₂ᵀ/(1+|x₂|²).
+    # Adjusted rows Ã = A + t xᵀ with t = r/(1+|x₂|²); with Aᵀr = −Φ x₂ this is
+    # ÃᵀÃ = AᵀA − Φ x₂x₂ᵀ/(1+|x₂|²).
     scale = 1.0 + np.sum(x2**2, axis=-1)
     N = np.empty(R.shape[:-2] + (m, m))
-    N[..., np.ix_(order, order)[0], np.ix_(order, order)[1]] = (
-        R[..., :m, :m].swapaxes(-1, -2) @ R[..., :m, :m]
-    )
+    N[..., np.array(order)[:, None], order] = R[..., :m, :m].swapaxes(-1, -2) @ R[..., :m, :m]
     masked = np.zeros_like(x)
     masked[..., noisy] = x2
     N -= (objective / scale)[..., None, None] * masked[..., :, None] * masked[..., None, :]
@@ -230,6 +240,7 @@ def wtls(
     Parameters
     ----------
     A : (…, n, m); y : (…, n)
+    Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors : cofactors, as above.
     algorithm : one of :data:`~analysis.adjustment.algorithms.ALGORITHMS`, all with the same
         solution. ``newton`` is the quickest and the one to be trusted with errors as large as the
         columns.
@@ -241,14 +252,22 @@ def wtls(
         ``inverse_hessian``, ``2(∇²Φ)⁻¹``; ``propagated`` from the data through ``∇Φ = 0``.
     history : whether to keep every iteration; of one problem, not of a stack.
     tolerance : relative step at which to stop, in parameters scaled to orthonormal columns of A.
+    max_iterations : steps after which it stops without convergence.
 
-    Returns an :class:`Estimate`. Not converged: ``converged`` is False and ``stop_reason`` says
-    why. ``ValueError`` for wrong shapes, NaN or infinity, dependent columns, rows without errors,
-    an unknown algorithm or convention, or cofactors given twice.
+    Returns
+    -------
+    Estimate. Not converged: ``converged`` is False and ``stop_reason`` says why.
+
+    Raises
+    ------
+    ValueError : wrong shapes, NaN or infinity, columns that depend on one another, rows without
+        errors, an unknown algorithm or convention, cofactors given twice.
 
     Source: Schaffrin & Wieser 2008; Fang 2013 (exact Hessian); Wu, Chen & Wang (quasi-Newton); Ou &
     Liu 2017, eqs. (1)-(5).
 
+    Example
+    -------
     >>> x = np.array([0.0, 1.0, 2.0, 3.0])
     >>> A = np.column_stack([np.ones(4), x])
     >>> line = wtls(A, 1 + 2 * x, Q_0=np.diag([0.0, 1.0]), Q_X=np.ones(4))

@@ -38,9 +38,7 @@ def save(frame: pd.DataFrame, path: Path, *, float_format: str = "%.9g") -> Path
 
 
 def read(path: str | os.PathLike[str]) -> pd.DataFrame:
-    """Read a CSV file from `path` itself; for what this run wrote, read ``paths.output(path)``.
-
-    Floats come back exactly as written, to the last bit.
+    """Read a CSV file; floats come back exactly as written, to the last bit.
 
     Example
     -------

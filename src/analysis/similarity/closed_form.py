@@ -11,7 +11,7 @@ from .pairs import mean, paired
 def umeyama(
     source, target, *, scale: bool = True, weights=None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``min Σ w |X − t − μ R x|²`` in closed form: μ (…), R (…, 3, 3) with det +1, and t (…, 3).
+    """``min Σ w |X − t − μ R x|²`` in closed form: μ (…), R (…, 3, 3) with det +1, t (…, 3).
 
         H = Σ w ΔX Δxᵀ = U S Vᵀ,   R = U D Vᵀ,   D = diag(1, 1, det UVᵀ),   μ = tr(S D)/Σ w |Δx|²,
         t = X̄ − μ R x̄
@@ -21,6 +21,8 @@ def umeyama(
 
     Source: Kabsch 1976; Umeyama 1991, eqs. (40)-(43).
 
+    Example
+    -------
     >>> mu, R, t = umeyama([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[5, 5, 5], [5, 7, 5], [3, 5, 5]])
     >>> round(float(mu), 12), R.round(12) + 0, t.round(12)
     (2.0, array([[ 0., -1.,  0.],
