@@ -26,6 +26,8 @@ from .surfaces.ellipse import EllipseFit
 from .surfaces.plane import PlaneFit
 from .surfaces.sphere import SphereFit
 
+__version__ = "0.1.0"
+
 __all__ = [
     "ALGORITHMS",
     "CYLINDER_METHODS",
