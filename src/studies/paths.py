@@ -22,6 +22,28 @@ NOTEBOOKS = ROOT / "notebooks"
 OUTPUT_VARIABLE = "ANALYSIS_OUTPUT"
 
 
+def existing(path: Path) -> Path:
+    """Return the path of a file of the project's data, which must be there.
+
+    Raises
+    ------
+    FileNotFoundError : it is not, as where the studies are not run from a checkout.
+
+    Example
+    -------
+    >>> existing(PUBLISHED / "ou_liu_2017_table4.csv")
+    Traceback (most recent call last):
+    FileNotFoundError: data/published/ou_liu_2017_table4.csv is not there: the papers' data come
+        with a checkout of the repository
+    """
+    if not path.is_file():
+        name = path.relative_to(ROOT).as_posix()
+        raise FileNotFoundError(
+            f"{name} is not there: the papers' data come with a checkout of the repository"
+        )
+    return path
+
+
 def output(path: str | os.PathLike[str]) -> Path:
     """Return where to write the file that lives at `path`, and make the folder for it.
 

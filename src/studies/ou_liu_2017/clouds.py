@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from analysis.export import tables
 
 from .. import publish
-from ..paths import SIMULATED
+from ..paths import SIMULATED, existing
 
 SPHERE_CENTER = (10.0, 10.0, 1.0)  # m, eq. (19)
 SPHERE_RADIUS = float(np.sqrt(200.0))  # m, eq. (19)
@@ -175,7 +175,7 @@ def read_sphere_cloud(gross: bool) -> NDArray[np.float64]:
     >>> read_sphere_cloud(gross=True).shape
     (500, 3)
     """
-    return tables.read(SPHERE_FILES[gross])[["x_m", "y_m", "z_m"]].to_numpy()
+    return tables.read(existing(SPHERE_FILES[gross]))[["x_m", "y_m", "z_m"]].to_numpy()
 
 
 def _draw_plan(generator: np.random.Generator, n: int) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ from analysis.adjustment.igg3 import SCALES
 from analysis.export import tables
 
 from ..montecarlo import sphere_study
-from ..paths import RESULTS
+from ..paths import RESULTS, existing
 from ..printed import METHODS, printed_numbers
 from ..printed.relation import printed, row
 from .clouds import (
@@ -435,7 +435,7 @@ def scans() -> pd.DataFrame:
     over that of IGG III-WTLS stands twice, once for each meaning: the two readings stand against
     each other.
     """
-    measured = tables.read(RESULTS / "04_scanned_spheres_table3_measured.csv")
+    measured = tables.read(existing(RESULTS / "04_scanned_spheres_table3_measured.csv"))
     rows = []
     ratios = measured[~measured["relation"].str.startswith("LS and TLS")]
     for (relation, sphere), group in ratios.groupby(["relation", "sphere"], sort=False):

@@ -18,7 +18,7 @@ from analysis.export import tables
 
 from .. import printed as published
 from ..ou_liu_2017.checks import judge
-from ..paths import RESULTS
+from ..paths import RESULTS, existing
 from . import PrintedNumber, Statement
 from .relation import Relation, printed
 
@@ -72,7 +72,7 @@ class Results:
 
     def __getitem__(self, stem: str) -> pd.DataFrame:
         if stem not in self._read:
-            self._read[stem] = tables.read(RESULTS / f"{stem}.csv")
+            self._read[stem] = tables.read(existing(RESULTS / f"{stem}.csv"))
         return self._read[stem]
 
     def one(self, stem: str, column: str, **where) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.methods import SPHERE_METHODS
 
-from ..paths import PUBLISHED
+from ..paths import PUBLISHED, existing
 
 PAPERS = ("ou_liu_2017", "wu_chen_wang", "li_2015")
 METHODS = {"LS": "ls", "TLS": "tls", "IGG III-WTLS": "igg3_wtls"}  # as printed -> our name
@@ -102,7 +102,9 @@ def printed_numbers(table: int) -> tuple[PrintedNumber, ...]:
     if table not in (1, 2, 3):
         raise ValueError(f"expected table 1, 2 or 3, got {table!r}")
     # As text: a trailing zero says how exactly a number is known.
-    frame = pd.read_csv(PUBLISHED / f"ou_liu_2017_table{table}.csv", dtype=str, encoding="utf-8")
+    frame = pd.read_csv(
+        existing(PUBLISHED / f"ou_liu_2017_table{table}.csv"), dtype=str, encoding="utf-8"
+    )
     columns = [column for column in frame if column not in ("sample", "method")]
     # The only bare zeros are errors of parameters, all printed to the same number of decimals.
     of_zero = max(_decimals(t) for c in columns if c.startswith("abs_delta") for t in frame[c])
@@ -170,14 +172,17 @@ def statements() -> dict[str, Statement]:
     frames = []
     for paper in PAPERS:
         frame = pd.read_csv(
-            PUBLISHED / f"{paper}_statements.csv",
+            existing(PUBLISHED / f"{paper}_statements.csv"),
             dtype=str,
             keep_default_na=False,
             encoding="utf-8",
         )
         frames.append(frame.assign(paper=paper))
     further = pd.read_csv(
-        PUBLISHED / "further_statements.csv", dtype=str, keep_default_na=False, encoding="utf-8"
+        existing(PUBLISHED / "further_statements.csv"),
+        dtype=str,
+        keep_default_na=False,
+        encoding="utf-8",
     )
     found = {}
     for row in (

@@ -22,7 +22,7 @@ from analysis.export import tables
 from analysis.surfaces.plane_eiv import incidence_cosines
 
 from .. import publish
-from ..paths import SIMULATED
+from ..paths import SIMULATED, existing
 
 PLANE = (1.0, 3.0, 1.0)  # a, b, c of z = a x + b y + c, c in m
 PLANE_POINTS = 100
@@ -134,7 +134,7 @@ def read_plane_runs() -> NDArray[np.float64]:
     (10, 100, 3)
     """
     return (
-        tables.read(PLANE_FILE)[["x_m", "y_m", "z_m"]]
+        tables.read(existing(PLANE_FILE))[["x_m", "y_m", "z_m"]]
         .to_numpy()
         .reshape(PLANE_RUNS, PLANE_POINTS, 3)
     )
