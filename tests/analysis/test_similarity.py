@@ -317,10 +317,10 @@ def test_covariance_without_cofactors_is_scaled_by_the_misclosures():
 
 def test_held_scale_has_no_error_and_no_test():
     X = noisy(1.0005 * TARGETS, 0.001)
-    held, free = fit_similarity(TARGETS, X, scale=False), fit_similarity(TARGETS, X)
-    assert held.scale == 1 and np.isnan(held.scale_test)
-    np.testing.assert_array_equal(held.covariance[6], 0.0)
-    assert free.scale_test > 2 and free.redundancy == held.redundancy - 1
+    fixed, free = fit_similarity(TARGETS, X, scale=False), fit_similarity(TARGETS, X)
+    assert fixed.scale == 1 and np.isnan(fixed.scale_test)
+    np.testing.assert_array_equal(fixed.covariance[6], 0.0)
+    assert free.scale_test > 2 and free.redundancy == fixed.redundancy - 1
     np.testing.assert_allclose(
         free.scale_test, (free.scale - 1) / free.standard_deviations[6], rtol=1e-10
     )

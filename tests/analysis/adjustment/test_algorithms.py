@@ -1,6 +1,4 @@
-"""Every algorithm solves every problem: the same solution from the least-squares start, each on its
-own way.
-"""
+"""Every algorithm finds the same solution of every problem from the least-squares start."""
 
 import numpy as np
 import pytest

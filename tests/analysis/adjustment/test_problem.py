@@ -28,7 +28,7 @@ def common():
 
 
 def rows_of(cofactors):
-    """The same cofactors as one matrix a row."""
+    """Cofactors as one matrix per row."""
     if isinstance(cofactors, RowCofactors):
         return cofactors
     Q = cofactors.g[:, None, None] * cofactors.C
@@ -37,7 +37,7 @@ def rows_of(cofactors):
 
 
 def dense_of(cofactors):
-    """The same cofactors as blocks (n, n) of columns."""
+    """Cofactors as blocks (n, n) of columns."""
     return DenseCofactors(np.einsum("njk,np->jknp", rows_of(cofactors).Q, np.eye(N)))
 
 

@@ -1,6 +1,4 @@
-"""The formulas that learn a Hessian, and the search along a line: against their definitions and a
-closed form.
-"""
+"""Updates of the Hessian and the line search, against their definitions and a closed form."""
 
 import numpy as np
 import pytest
@@ -45,9 +43,7 @@ def test_updates_are_dual():
 
 
 def planes(count=40, n=30):
-    """A stack of planes with one weight a point for all coordinates, starting values and directions
-    downhill.
-    """
+    """Planes with one weight per point for all coordinates; starts; directions downhill."""
     generator = np.random.default_rng(2)
     A = np.concatenate([generator.uniform(-1, 1, (count, n, 2)), np.ones((count, n, 1))], axis=-1)
     y = A @ [0.3, -2.0, 1.0] + 0.3 * generator.standard_normal((count, n))

@@ -1,6 +1,4 @@
-"""Every weight function is what it says: one loss, its derivatives, its weight, and its constants
-at the normal law.
-"""
+"""Every weight function: one loss, its slope, its weight, and its constants at the normal law."""
 
 import dataclasses
 import math
