@@ -22,9 +22,11 @@ def false_alarms(
 
     Returns
     -------
-    DataFrame, a row per σ and limit: ``sigma_mm``, ``limit_mm``, ``simulated`` and ``theory``, shares, and
-    ``standard_error`` of the simulated.
+    DataFrame, a row per σ and limit: ``sigma_mm``, ``limit_mm``, ``simulated`` and ``theory``,
+    shares, and ``standard_error`` of the simulated.
 
+    Example
+    -------
     >>> table = false_alarms((0.002, 0.003, 0.005), draws=10)
     >>> (100 * table["theory"][table["limit_mm"] == 6]).round(1).tolist()
     [3.4, 15.7, 39.6]

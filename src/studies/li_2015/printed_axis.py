@@ -17,8 +17,13 @@ from analysis.tunnel.axis import Axis, tunnel_points
 
 
 def mid_values(points, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-    """Bin centres y (B,) and mid-values (B, 2) ``(x_max + x_min)/2``, ``(z_max + z_min)/2`` of the
-    occupied bins of ``step`` m from y_min.
+    """Centres y (B,) and mid-values (B, 2) of the occupied bins of ``step`` m from y_min.
+
+    The mid-values are ``(x_max + x_min)/2`` and ``(z_max + z_min)/2``.
+
+    Raises
+    ------
+    ValueError : more bins than points.
 
     Source: Li et al. (2015), eq. (1).
     """
@@ -27,7 +32,8 @@ def mid_values(points, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
     count = int((points[:, 1].max() - first) / step) + 1
     if count > len(points):
         raise ValueError(
-            f"step: expected bins that hold points, got {count} bins of {step:g} m for {len(points)} points"
+            f"step: expected bins that hold points, "
+            f"got {count} bins of {step:g} m for {len(points)} points"
         )
     low, high = np.full((2, count), np.inf), np.full((2, count), -np.inf)
     for piece in pieces(len(points)):
@@ -42,26 +48,30 @@ def mid_values(points, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
 def printed_axis(
     points, step: float = 0.1, *, local: tuple[np.ndarray, np.ndarray] | None = None
 ) -> Axis:
-    """Axis as printed: one quadratic ``x(y)`` and one ``z(y)`` through the mid-values of bins of
-    ``step`` m, by least squares.
+    """Axis as printed: quadratics ``x(y)`` and ``z(y)`` fitted to the mid-values of bins.
 
     Parameters
     ----------
     points : (n, 3) in m, Y along the tunnel, Z up.
     step : width Δy of the bins, m.
-    local : origin and rotation of another frame than that of the points, as :func:`~analysis.tunnel.axis.local_frame`
-        gives it.
+    local : origin and rotation of another frame than that of the points, as
+        :func:`~analysis.tunnel.axis.local_frame` gives it.
 
     The middle between extremes is that of the section only where all of a ring is seen: bins at an
     end cut askew, a track bed, which lifts z by half of the height it hides, and cables pull it;
     see :func:`~analysis.tunnel.axis_estimation.robust_axis`.
 
-    Raises ``ValueError`` when the points reach further across Y than along it.
+    Raises
+    ------
+    ValueError : points that reach further across Y than along it.
 
     Source: Li et al. (2015), section on the axis, steps 1-3.
 
+    Example
+    -------
     >>> y, turn = np.arange(20_000) * 1e-3, np.arange(20_000) * 2.4
-    >>> tube = np.stack([2.7 * np.cos(turn) + 0.001 * y**2, y, 2.7 * np.sin(turn) + 0.02 * y], axis=-1)
+    >>> x, z = 2.7 * np.cos(turn) + 0.001 * y**2, 2.7 * np.sin(turn) + 0.02 * y
+    >>> tube = np.stack([x, y, z], axis=-1)
     >>> axis = printed_axis(tube, step=0.5)
     >>> print(f"{axis.quadratics[0, 2]:.3f} {axis.quadratics[1, 1]:.3f}")
     0.001 0.020
@@ -73,8 +83,9 @@ def printed_axis(
     width, length, height = np.ptp(points, axis=0)
     if not length > max(width, height):
         raise ValueError(
-            f"points: expected a tunnel along Y, longer than wide and high, got {width:.4g} m in X, {length:.4g} m in Y and "
-            f"{height:.4g} m in Z; local_frame finds the direction of a tunnel"
+            f"points: expected a tunnel along Y, longer than wide and high, "
+            f"got {width:.4g} m in X, {length:.4g} m in Y and {height:.4g} m in Z; "
+            f"local_frame finds the direction of a tunnel"
         )
     y, middle = mid_values(points, step)
     first, last = points[:, 1].min(), points[:, 1].max()

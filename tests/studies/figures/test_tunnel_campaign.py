@@ -1,4 +1,4 @@
-"""What the figures of notebook 09 show is what is exported, and that is what the studies returned."""
+"""The figures of notebook 09 show the exported tables, and these are the results of the studies."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""A cable tray pulls the plain ellipses and not the robust one."""
+"""A cable tray pulls the plain ellipses and not the robust ones."""
 
 import pytest
 

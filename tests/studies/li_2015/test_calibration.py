@@ -1,6 +1,4 @@
-"""The intervals hold what they say, the tests give the false alarms they say, and how the work is
-shared out changes nothing.
-"""
+"""Intervals cover as stated, tests give as many false alarms as stated, for any sharing of work."""
 
 from dataclasses import replace
 
@@ -22,7 +20,7 @@ def sections():
 
 
 def off(section, sd=0.001):
-    """The section with stations that are off by sd (m) in each direction, each by itself."""
+    """The section with independent errors of its stations of sd (m) in each direction."""
     return replace(section, shifts=sd**2 * np.eye(len(section.shifts)))
 
 

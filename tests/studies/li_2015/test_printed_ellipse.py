@@ -1,4 +1,4 @@
-"""The ellipsoid of the paper: correct where it exists, often none; the ellipse in the plane exists."""
+"""The ellipsoid of the paper is correct where it exists; the ellipse in the plane always exists."""
 
 import numpy as np
 import pytest

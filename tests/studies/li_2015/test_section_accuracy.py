@@ -1,4 +1,4 @@
-"""Simulated sections in both epochs, and what is read from one campaign and from many."""
+"""Simulated sections in both epochs, and the results of one campaign and of many."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def once(sections):
 
 
 def off(section, sd):
-    """The section with stations that are off by sd (m) in each direction, each by itself."""
+    """The section with independent errors of its stations of sd (m) in each direction."""
     return replace(section, shifts=sd**2 * np.eye(len(section.shifts)))
 
 
@@ -55,7 +55,7 @@ def test_only_lining_is_left(sections):
             np.testing.assert_array_equal(kept.points, scan.points[names == "lining"])
 
 
-def test_draws_do_not_hang_on_their_number_and_differ_between_epochs_and_sections(sections):
+def test_draws_do_not_depend_on_their_number_and_differ_between_epochs_and_sections(sections):
     section = off(sections[1], 0.001)
     few, many = section.draw(2, 5, n_points=60), section.draw(4, 5, n_points=60)
     for a, b in zip(few, many, strict=True):
@@ -66,7 +66,7 @@ def test_draws_do_not_hang_on_their_number_and_differ_between_epochs_and_section
 
 
 def test_stations_that_are_off_shift_the_section(sections):
-    """The spread over campaigns of the shift between the epochs is the covariance that is stated."""
+    """The shift between the epochs has the stated covariance over the campaigns."""
     section = off(sections[0].lining(), 0.002)
     still, shifted = (one.draw(1000, 7) for one in (sections[0].lining(), section))
     moves = [np.mean(b - a, axis=1) for a, b in zip(still, shifted, strict=True)]

@@ -1,4 +1,4 @@
-"""The scanner: the cofactors of its points, what it sees of a scene, and its noise."""
+"""The scanner: cofactors of its points, visible parts of a scene, and noise."""
 
 from dataclasses import replace
 
@@ -159,7 +159,7 @@ def test_cofactors_of_a_stack_from_any_station_are_positive_definite():
 
 
 def test_fit_with_the_scanner_s_cofactors_is_calibrated(target):
-    """σ0 is 1 and the covariance holds the truth: what absolute variances promise."""
+    """With absolute variances σ0 is 1 and the covariance contains the truth."""
     sphere = target[target.on("sphere")][::64]
     redraws = redraw(sphere, 400, seed=5)
     Q = LEICA_C10.cofactors(sphere.true_points, normals=sphere.normals)
@@ -303,9 +303,7 @@ def test_closed_surfaces_are_seen_from_inside():
 
 
 def test_labels_and_occlusion():
-    """A disc hides part of a wall: the hole in the wall is the disc's shadow, and the shadow is all
-    that is missing.
-    """
+    """A disc hides part of a wall: the hole in the wall is the shadow of the disc, not more."""
     wall, disc = (
         Rectangle((0.0, 10.0, 0.0), (3.0, 0.0, 0.0), (0.0, 0.0, 3.0)),
         Disc((0.0, 5.0, 0.0), (0.0, 1.0, 0.0), 0.5),
@@ -377,7 +375,7 @@ def test_reach_and_grazing_incidence():
 
 
 def test_a_scene_may_stand_anywhere():
-    """Scene and station moved together: the same scan, moved."""
+    """Scene and station moved together give the moved scan."""
     shift = np.array([100.0, -30.0, 7.0])
     here = scan_sphere_target(CENTER, RADIUS, generator(), step=5e-4)
     there = scan_sphere_target(CENTER + shift, RADIUS, generator(), step=5e-4, station=shift)
@@ -501,9 +499,7 @@ def test_a_part_of_a_scan_is_a_scan(target):
 
 @pytest.mark.parametrize("center", CENTERS)
 def test_target_is_like_a_real_scan_and_the_default_fit_finds_it(center):
-    """Of real scans of targets 35 to 45 % of the points are not sphere; the fit has to do with
-    that.
-    """
+    """In real scans of targets 35 to 45 % of the points are not on the sphere."""
     seen = scan_sphere_target(center, RADIUS, generator())
     assert 0.35 < np.mean(~seen.on("sphere")) < 0.45
     assert all(seen.on(name).any() for name in seen.names)

@@ -1,4 +1,4 @@
-"""The simulated tunnel campaign: its truth, what a beam meets, what the instruments measure."""
+"""The simulated tunnel campaign: its truth, hits of beams, and measurements."""
 
 from dataclasses import replace
 
@@ -44,9 +44,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def truth():
-    """Points of one station of the second epoch without noise, in engineering coordinates: points,
-    beams, ranges, cosines, codes.
-    """
+    """One station of the second epoch without noise: points, beams, ranges, cosines, codes."""
     setup = EPOCHS[1].stations[1]
     beams, ranges, cosines, codes = cast_beams(
         TUNNEL, setup, RIEGL_VZ400, station_grid(60_000).beams(slice(None))
@@ -213,9 +211,7 @@ def test_a_ray_goes_on_to_the_bottom_or_to_the_far_wall_of_a_recess():
 
 @pytest.mark.parametrize(("chainage", "mirrored"), [(12.24, 1), (12.96, -1)])
 def test_a_ray_into_a_pocket_ends_where_a_walk_along_it_does(chainage, mirrored):
-    """A pocket of 16 cm by 10 cm and 6 cm depth, in its middle a bolt of 4 cm by 4 cm that ends 3
-    cm behind the face.
-    """
+    """A pocket of 16 × 10 × 6 cm³ with a bolt of 4 × 4 cm² that ends 3 cm behind the face."""
     rng, rho, count, step = np.random.default_rng(5), 2.7, 1000, 2e-4
     mouth = np.stack(
         [rng.uniform(-0.08, 0.08, count), rng.uniform(-0.05, 0.05, count), np.zeros(count)]
@@ -320,7 +316,7 @@ def test_mixed_pixels_lie_between_two_surfaces(truth):
 
 
 def solid(points, epoch):
-    """What fills each point: an independent description of the tunnel by inequalities; −1 for air."""
+    """Code of each point by an independent description with inequalities; −1 for air."""
     s, u, v = TUNNEL.alignment.section_coordinates(points)
     alpha, rho, furniture = np.arctan2(u, v), np.hypot(u, v), TUNNEL.furniture
     filled = np.full(len(points), -1)
@@ -413,9 +409,7 @@ def test_track_bed_and_cabinet_hide_the_lining():
 
 @pytest.mark.parametrize("distance", [-2.0, 2.0, 5.0, 8.0, 11.0, 16.0, 20.0])
 def test_density_of_points_falls_along_the_tunnel(distance):
-    """Points of full density in a slab of 50 mm of a whole ring; a tenth of the density in ten
-    times the slab is the same.
-    """
+    """Points in a slab of 50 mm of a ring, by a tenth of the density in ten times the slab."""
     whole_ring = {2: 24_800, 5: 5100, 8: 1560, 11: 650, 16: 210, 20: 115}[int(abs(distance))]
     setup = EPOCHS[0].stations[2]
     s = TUNNEL.alignment.section_coordinates(setup.pose.position)[0] + distance
@@ -457,7 +451,7 @@ def test_campaign_has_six_and_four_stations_and_the_density_is_one_number(small)
     )
 
 
-def test_same_seed_same_campaign_and_poses_do_not_hang_on_the_density(small):
+def test_same_seed_same_campaign_and_poses_do_not_depend_on_the_density(small):
     one, same, other = (survey(TUNNEL, seed) for seed in (7, 7, 8))
     for a, b in zip(one, same, strict=True):
         for p, q in zip(a.stations, b.stations, strict=True):
@@ -575,9 +569,7 @@ def test_stickers_sit_on_the_lining_and_move_with_it(small):
 
 
 def test_section_is_the_slab_of_the_campaign():
-    """The same beams end on the same points of the lining, whether the whole station is scanned or
-    one slab.
-    """
+    """The slab of a section has the points that a scan of the whole station has in it."""
     setup, density, chainage, thickness = EPOCHS[1].stations[2], 60_000, 65.0, 0.4
     alone = section_scan(TUNNEL, [setup], chainage, density, thickness=thickness)
     beams, ranges, _, codes = cast_beams(
@@ -594,9 +586,7 @@ def test_section_is_the_slab_of_the_campaign():
 
 @pytest.mark.parametrize("epoch", EPOCHS, ids=["first", "second"])
 def test_a_slab_is_found_in_the_columns_that_look_at_it(monkeypatch, epoch):
-    """The same points, whether the grid is walked through column by column or in blocks of half of
-    the circle.
-    """
+    """Blocks of one column and blocks of half of the circle give equal points."""
     # up to 30 m before and behind the stations, and beside one
     chainages = (5.0, 43.0, 71.2, 105.0, 125.0)
     at_once = [
