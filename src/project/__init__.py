@@ -1,3 +1,1 @@
-"""What `make` calls: running notebooks, fetching scans, writing the README's tables and the static
-site. No science in here.
-"""
+"""Commands that make calls: notebooks, scans, README, site and benchmarks. No science in here."""

@@ -1,5 +1,4 @@
-"""
-Agreement of results with the committed ones, by number and not by byte.
+"""Agreement of results with the committed ones, by number and not by byte.
 
 Linear algebra differs between processors in the last bits of every sum, and iterations that stop at
 a threshold enlarge that. So tables and printed text are compared by tolerance, and a figure by the
@@ -68,8 +67,7 @@ def tables_agree(found, expected):
 
 
 def texts_agree(found, expected):
-    """
-    Whether two printed texts are the same but for the last printed digit of their numbers.
+    """Whether two printed texts are the same but for the last printed digit of their numbers.
 
     Blanks do not count, for a column grows with its widest number. A number without a decimal point
     counts something and must be equal.
@@ -101,7 +99,7 @@ def notebooks_agree(found, expected):
 
 
 def cells(content):
-    """What a notebook (its bytes) holds before it is run: all but the outputs."""
+    """The cells of a notebook (its bytes) without their outputs."""
     return [
         (cell.id, cell.cell_type, cell.source, cell.get("execution_count"))
         for cell in nbformat.reads(content.decode(), as_version=4).cells
@@ -134,7 +132,7 @@ def _shown(output):
 
 
 def git(*arguments):
-    """What git says of the tree, as bytes; None where it fails or the tree is no checkout."""
+    """The answer of git about the tree, bytes; None where it fails or the tree is no checkout."""
     if not (paths.ROOT / ".git").exists():
         return None
     try:
@@ -145,8 +143,7 @@ def git(*arguments):
 
 
 def committed(path):
-    """
-    Content of the file at a relative path as it was committed, bytes; None if it was not.
+    """Content of the file at a relative path as it was committed, bytes; None if it was not.
 
     Of a tree without git: as it was before it was first replaced.
     """
@@ -159,16 +156,15 @@ def committed(path):
 
 
 def _kept(path):
-    """Where the first content of a file stays, of a tree without git."""
+    """Place for the first content of a file of a tree without git."""
     return paths.ROOT / "build" / "committed" / path
 
 
-# ------------------------------------------------------------------------------------------ settling
+# ----------------------------------------------------------------------------------------- settling
 
 
 def settle(written, notebook, executed):
-    """
-    Put into the tree what a notebook has written, and the executed notebook itself.
+    """Put into the tree what a notebook has written, and the executed notebook itself.
 
     A file stays as it is committed where it agrees: a table by number, a figure if its table does,
     the notebook if it is the same, its text agrees, and so do all its tables. While the notebook or
@@ -226,12 +222,11 @@ def _write(path, content):
         part.write_bytes(content)
 
 
-# ----------------------------------------------------------------------------------------- reporting
+# ---------------------------------------------------------------------------------------- reporting
 
 
 def report():
-    """
-    How many tables and figures of the tree agree with the committed ones, as lines for a person;
+    """How many tables and figures of the tree agree with the committed ones, as lines for a person;
     those that do not are named.
 
     A notebook that cannot be run here has made none: this is said, and its files do not count.

@@ -1,6 +1,4 @@
-"""
-Time and memory of the methods, against stated limits and beside other libraries' fits of the same
-points.
+"""Time and memory of the methods, against stated limits and beside other libraries.
 
 ``python -m project.bench``; takes about four minutes. scikit-image takes part where it is installed
 (the extra ``benchmark``). Numbers are of this machine at this moment, so nothing is exported.
@@ -65,8 +63,9 @@ LIMITS = pd.DataFrame(
 
 
 def fastest(calls, repeats):
-    """Shortest time of each of the named calls, s. They take turns, so that a busy moment of the
-    machine hits all alike.
+    """Shortest time of each of the named calls, s.
+
+    They take turns, so that a busy moment of the machine hits all alike.
     """
     best = dict.fromkeys(calls, math.inf)
     for _ in tqdm(range(repeats), leave=False, disable=None):
@@ -93,14 +92,15 @@ def fits(points, methods):
 
 
 def single(points, methods, repeats=20):
-    """One small cloud (n, 3): ms a fit."""
+    """One small cloud (n, 3): ms per fit."""
     best = fastest(fits(points, methods), repeats)
     return pd.DataFrame({"method": methods, "ms a fit": [1e3 * best[name] for name in methods]})
 
 
 def stacked(stack, methods, one_ms):
-    """A stack (B, n, 3) in one call and in a loop: ms a cloud, their ratio, and the largest
-    difference of parameters, m.
+    """A stack (B, n, 3) in one call and in a loop: ms per cloud, their ratio, largest difference.
+
+    The difference is that of the parameters, m.
     """
     rows = []
     for name, ms in zip(methods, one_ms, strict=True):
@@ -131,8 +131,9 @@ def stacked(stack, methods, one_ms):
 
 
 def large(calls, sizes, repeats=2):
-    """Named calls on one large input, the peer's first: s a fit, peak memory over the input's
-    bytes, and the peer's time over it.
+    """Named calls on one large input, the peer's first: time, memory, and the peer's time over it.
+
+    Time in s per fit, memory in units of the input.
     """
     best = fastest(calls, repeats)
     memory = [peak(call) / sizes[name] for name, call in calls.items()]
@@ -154,16 +155,14 @@ def large_sphere(points, methods, repeats=2):
 
 
 def gross_cloud(generator, n):
-    """n points of the paper's sphere, a tenth of them moved by up to 2 m a coordinate."""
+    """n points of the paper's sphere, a tenth of them moved by up to 2 m per coordinate."""
     points = clouds.sphere_cloud(generator, n)
     points[: round(GROSS_SHARE * n)] += generator.uniform(-2.0, 2.0, (round(GROSS_SHARE * n), 3))
     return points
 
 
 def orthogonal_by_odrpack(points):
-    """Orthogonal distances by odrpack, implicit, from the LS sphere; coordinates reduced to the
-    centroid.
-    """
+    """Orthogonal distances by odrpack, implicit, from the LS sphere on; centred coordinates."""
     origin = points.mean(axis=0)
     start = analysis.fit_sphere(points, "ls").parameters - [*origin, 0.0]
 
@@ -185,7 +184,7 @@ class RansacSphere:
     """The sphere for scikit-image's ``ransac``, by algebraic least squares."""
 
     @classmethod
-    def from_estimate(cls, points):
+    def from_estimate(cls, points):  # ``ransac`` calls it
         model = cls()
         model.parameters = analysis.fit_sphere(points, "ls").parameters
         return model
@@ -195,8 +194,9 @@ class RansacSphere:
 
 
 def robust_against(points, others, repeats=2):
-    """``fit_sphere`` beside named calls on the same points: s a fit, peak memory over the input's
-    bytes, and the time over ours.
+    """``fit_sphere`` beside named calls on the same points: time, memory, and the time over ours.
+
+    Time in s per fit, memory in units of the input.
     """
     calls = {"robust": lambda: analysis.fit_sphere(points)} | others
     best = fastest(calls, repeats)
@@ -213,9 +213,7 @@ def robust_against(points, others, repeats=2):
 
 
 def cauchy_by_scipy(points):
-    """Least cauchy loss of the distances from the LS sphere on, with scipy's own Jacobian;
-    coordinates reduced to the centroid.
-    """
+    """Least cauchy loss of the distances, started at the LS sphere, with scipy's own Jacobian."""
     origin = points.mean(axis=0)
     start = analysis.fit_sphere(points, "ls").parameters - [*origin, 0.0]
     centred = points - origin
@@ -228,9 +226,7 @@ def cauchy_by_scipy(points):
 
 
 def other_robust_fits(points):
-    """Named calls of robust fits of other libraries; they are told the noise, which ``fit_sphere``
-    finds itself.
-    """
+    """Robust fits of other libraries, told the noise that ``fit_sphere`` finds itself."""
     calls = {
         "scipy, cauchy": lambda: cauchy_by_scipy(points),
         "scipy, cauchy, given the Jacobian": lambda: peers.robust_loss(points, "cauchy", SIGMA),
@@ -243,9 +239,7 @@ def other_robust_fits(points):
 
 
 def growing(generator, sizes, repeats=2):
-    """``fit_sphere`` of more and more points: seconds, and the exponent of the time against the
-    points from each size to the next.
-    """
+    """``fit_sphere`` of more and more points: s, and its exponent from each size to the next."""
     seconds = np.empty(len(sizes))
     for place, n in enumerate(sizes):
         points = gross_cloud(generator, n)
@@ -265,9 +259,7 @@ def plane_cloud(generator, shape):
 
 
 def large_plane(points, cofactors, repeats=2):
-    """:func:`large` for one large cloud (n, 3) of a plane, and for its ``eiv`` fit with cofactors
-    (n, 3, 3).
-    """
+    """:func:`large` for one large cloud (n, 3) of a plane, also with cofactors (n, 3, 3)."""
     # its default would form an n×n matrix
     calls = {PEER: lambda: Plane.best_fit(points, full_matrices=False)}
     calls |= {
@@ -280,17 +272,16 @@ def large_plane(points, cofactors, repeats=2):
 
 
 def patches(stack, methods, repeats=2):
-    """:func:`large` for a stack (B, n, 3) of plane patches in one call; the peer takes them one by
-    one.
-    """
+    """:func:`large` for a stack (B, n, 3) of patches in one call; the peer takes one by one."""
     calls = {PEER: lambda: [Plane.best_fit(points) for points in stack]}
     calls |= {name: lambda name=name: analysis.fit_plane(stack, name) for name in methods}
     return large(calls, dict.fromkeys(calls, stack.nbytes), repeats)
 
 
 def with_verdicts(table, limits):
-    """The table with a column: whether what its first column names keeps the limits, ok or short,
-    or nothing where none is stated.
+    """The table with a column of verdicts: ok or short of the limits, empty where none is stated.
+
+    The first column of the table names the method.
     """
     verdicts, named = [], table.columns[0]
     for row in table.to_dict("records"):

@@ -1,5 +1,4 @@
-"""
-Run notebooks in place.
+"""Run notebooks in place.
 
 ``python -m project.notebooks run NAME...`` with names as ``03_sphere_tables``. Notebooks, tables
 and figures that agree with the committed ones stay as they are; so does everything of a notebook
@@ -27,17 +26,15 @@ from studies import paths
 
 from . import agreement, scans
 
+# Of its kernel a notebook says nothing that depends on who ran it.
 METADATA = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
     "language_info": {"name": "python"},
 }
-"""What a notebook says of its kernel: nothing that depends on who ran it."""
 
 
 class ThisPython(AsyncKernelManager):
-    """Starts kernels with the Python that runs this, whatever kernels the user has installed under
-    the same name.
-    """
+    """Kernels of the Python that runs this, whatever the user has installed under that name."""
 
     @property
     def kernel_spec(self):
@@ -45,8 +42,7 @@ class ThisPython(AsyncKernelManager):
 
 
 class Progress(threading.Thread):
-    """
-    Where a running notebook is: name, code cell i of n, its section, seconds.
+    """Progress of a running notebook: name, code cell i of n, its section, seconds.
 
     On a terminal this is one line whose seconds count; elsewhere one line for each finished cell.
     """
@@ -72,16 +68,17 @@ class Progress(threading.Thread):
 
     def line(self):
         """Name, number and section of the present cell."""
-        return f"{self.name_}  cell {self.cell} of {len(self.sections)}  {self.sections[self.cell - 1]}"
+        section = self.sections[self.cell - 1]
+        return f"{self.name_}  cell {self.cell} of {len(self.sections)}  {section}"
 
     def start_cell(self, cell, cell_index):
-        """To be called when a code cell begins."""
+        """Count the cell; called when a code cell begins."""
         self.cell, self.cell_begin = self.cell + 1, time.monotonic()
         if self.stream.isatty():
             self.draw()
 
     def end_cell(self, cell, cell_index, execute_reply):
-        """To be called when a code cell has run."""
+        """Print the line of the cell; called when a code cell has run."""
         if not self.stream.isatty():
             print(
                 f"{self.line()}  {time.monotonic() - self.cell_begin:.1f} s",
@@ -109,7 +106,7 @@ class Progress(threading.Thread):
 
 
 def sections(notebook):
-    """For each code cell that holds code, the heading it stands under."""
+    """The heading above each code cell that is not empty."""
     heading, found = "", []
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
@@ -123,12 +120,11 @@ def sections(notebook):
 
 
 def run(path, stream=sys.stdout):
-    """
-    Execute the notebook at path from top to bottom, in its own folder, and put into the tree what
-    does not agree with the committed files (:func:`project.agreement.settle`).
+    """Execute the notebook at path, in its own folder, and put what differs into the tree.
 
-    What the notebook writes goes to a temporary folder until every cell has succeeded, so that a
-    run that fails or is interrupted changes nothing.
+    What agrees with the committed files stays as it is (:func:`project.agreement.settle`). The
+    notebook writes into a temporary folder until every cell has succeeded, so that a run that fails
+    or is interrupted changes nothing.
 
     Returns
     -------

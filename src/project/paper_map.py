@@ -1,6 +1,4 @@
-"""The map of the README: where everything that the papers show is found here, and with what
-verdict.
-"""
+"""The map of the README: for all that the papers show its place here and the verdict."""
 
 from __future__ import annotations
 
@@ -12,45 +10,55 @@ from studies.printed.headline import counted
 
 
 def _audited(frame: pd.DataFrame) -> str:
-    """Return the verdicts of the audit that occur, counted, in the order in which they do."""
+    """The verdicts of the audit, counted, in the order in which they occur."""
     return counted(frame, frame["verdict"].unique())
 
 
 def _inside(frame: pd.DataFrame) -> str:
-    """Return how many numbers of the plane paper's simulation are inside."""
+    """How many numbers of the plane paper's simulation are inside."""
     return f"{frame['inside'].sum()} of {len(frame)} inside; the gains are a change of unit"
 
 
 def _ground_scan(frame: pd.DataFrame) -> str:
-    """Return what a simulated ground scan has of the printed numbers."""
+    """How many of the printed numbers a simulated ground scan has."""
     within = (frame["lower"] <= frame["printed"] + frame["half_unit"]) & (
         frame["printed"] - frame["half_unit"] <= frame["upper"]
     )
-    return f"{within.sum()} of {len(frame)} inside: the gains follow from where the scanner stands; σs has the right size"
+    return (
+        f"{within.sum()} of {len(frame)} inside: "
+        "the gains follow from where the scanner stands; σs has the right size"
+    )
 
 
 def _iterations(frame: pd.DataFrame) -> str:
-    """Return the iterations of the quasi-Newton method and of Newton's on the plane."""
+    """Iterations of the quasi-Newton method and of Newton's on the plane."""
     count = frame.set_index("run")["plane"]
-    return f"ends where Newton's method does: {count['BFGS']:.0f} iterations against {count['Newton']:.0f}"
+    ours, newton = count["BFGS"], count["Newton"]
+    return f"ends where Newton's method does: {ours:.0f} iterations against {newton:.0f}"
 
 
 def _joints(frame: pd.DataFrame) -> str:
-    """Return how near neighbouring stations come to the printed 2 mm."""
-    return f"2 mm is a standard deviation, not a limit: kept at {frame['within_percent'].mean():.0f} % of the wall between stations"
+    """How near neighbouring stations come to the printed 2 mm."""
+    kept = frame["within_percent"].mean()
+    return (
+        f"2 mm is a standard deviation, not a limit: kept at {kept:.0f} % "
+        "of the wall between stations"
+    )
 
 
 def _maxima(frame: pd.DataFrame) -> str:
-    """Return how well the printed maxima, given to the simulated tunnel, are found again."""
+    """How well the printed maxima, given to the simulated tunnel, are found again."""
     largest = frame.groupby("case")["largest_rms_mm"].max()
     scans, singly, jointly = (
         largest[case] for case in ("noise alone", "stations registered singly", "joint adjustment")
     )
-    return f"taken as truth: found again to {scans:.1f} mm; with stations registered singly to {singly:.1f}, jointly to {jointly:.1f} mm"
+    return (
+        f"taken as truth: found again to {scans:.1f} mm; "
+        f"with stations registered singly to {singly:.1f}, jointly to {jointly:.1f} mm"
+    )
 
 
-# What the papers show -> where it is here. What a file says is counted (a function of its table);
-# else the verdict is in words.
+# Shown in a paper, notebook, file, and the verdict: words, or a function of the file's table.
 RESULTS = "data/results/"
 PAPER_TO_PROJECT = (
     (
@@ -165,7 +173,7 @@ PAPER_TO_PROJECT = (
 
 
 def map_markdown() -> str:
-    """Return the map from what the paper shows to notebook, files and verdict as a Markdown table."""
+    """The map as a Markdown table."""
     rows = []
     for shown, notebook, file, words in PAPER_TO_PROJECT:
         rows.append(

@@ -1,5 +1,4 @@
-"""
-The generated sections of the README.
+"""Generated sections of the README.
 
 ``python -m project.readme [--check | --show NAME]``
 
@@ -44,6 +43,7 @@ def scans():
     return tables.markdown(real_spheres.summary(*results), 2)
 
 
+# Section name -> function without arguments that returns its Markdown.
 SECTIONS = {
     "headline": lambda: (
         f"{verdicts.headline_markdown(audited())}\n\n{headline.markdown(comparisons())}"
@@ -52,14 +52,11 @@ SECTIONS = {
     "map": paper_map.map_markdown,
     "scans": scans,
 }
-"""Section name -> function without arguments that returns its Markdown."""
 
+# Sections with a form of their own for the screen; `make reproduce` shows "headline" at the end.
 TERMINAL = {
     "headline": lambda: f"{verdicts.headline_text(audited())}\n\n\n{headline.text(comparisons())}"
 }
-"""Sections that have a form of their own for the screen; `make reproduce` shows "headline" at the
-end.
-"""
 
 PATTERN = re.compile(
     r"(<!-- begin generated: (?P<name>[\w-]+) -->\n).*?(<!-- end generated: (?P=name) -->)",
@@ -68,11 +65,11 @@ PATTERN = re.compile(
 
 
 def generate(text, sections):
-    """
-    The text with every generated section renewed.
+    """The text with every generated section renewed.
 
-    Raises ValueError when the text has a section, complete or not, without a function or a function
-    has no section.
+    Raises
+    ------
+    ValueError : a section of the text, complete or not, has no function, or a function no section.
     """
     begun = re.findall(r"<!-- begin generated: ([\w-]+) -->", text)
     complete = [match["name"] for match in PATTERN.finditer(text)]
@@ -82,7 +79,8 @@ def generate(text, sections):
         )
     if sorted(complete) != sorted(sections):
         raise ValueError(
-            f"generated sections of the text: {sorted(complete)}; with a function: {sorted(sections)}"
+            f"generated sections of the text: {sorted(complete)}; "
+            f"with a function: {sorted(sections)}"
         )
     return PATTERN.sub(
         lambda match: f"{match[1]}\n{sections[match['name']]().strip()}\n\n{match[3]}", text

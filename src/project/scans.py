@@ -1,5 +1,4 @@
-"""
-The real scans of sphere targets: fetched on demand, checked by hash, never committed.
+"""Real scans of sphere targets: fetched on demand, checked by hash, never committed.
 
 ``python -m project.scans [--needed] [--from FOLDER]``
 
@@ -35,14 +34,10 @@ SHA256 = {
     "SPH111.xyz": "22d401150af5fbe698d9731008e16461c99ba765b9b2816e36470c75477402c3",
 }
 
-NOTEBOOK = "05_real_spheres"
-"""The one notebook that reads scans."""
+NOTEBOOK = "05_real_spheres"  # the one notebook that reads scans
 
-NOTEBOOK_SCANS = tuple(f"{scan}.xyz" for scan in REFERENCE_CENTERS)
-"""The scans it reads."""
-
-TIMEOUT = 20
-"""Seconds without an answer after which a download is given up."""
+NOTEBOOK_SCANS = tuple(f"{scan}.xyz" for scan in REFERENCE_CENTERS)  # those it reads
+TIMEOUT = 20  # s without an answer, after which a download is given up
 
 
 class ScanError(Exception):
@@ -55,22 +50,27 @@ def missing():
 
 
 def skip_reason(notebook):
-    """Why the notebook (its stem) can't be run here, as a sentence; None when it can."""
+    """The reason why a notebook (its stem) cannot be run here, a sentence; None when it can."""
     if notebook != NOTEBOOK or not (absent := missing()):
         return None
-    return f"{notebook} is not run and keeps its stored output: {', '.join(absent)} not in data/scans (`make scans` fetches them)."
+    return (
+        f"{notebook} is not run and keeps its stored output: "
+        f"{', '.join(absent)} not in data/scans (`make scans` fetches them)."
+    )
 
 
 def store(name, content, folder):
-    """
-    Write the bytes of a scan to folder, but only if they have its SHA-256.
+    """Write the bytes of a scan to a folder, if they have its SHA-256; complete or not at all.
 
-    A ScanError names the expected and the found hash. The file appears complete or not at all.
+    Raises
+    ------
+    ScanError : they have another; it names both.
     """
     found = hashlib.sha256(content).hexdigest()
     if found != SHA256[name]:
         raise ScanError(
-            f"{name} is not the expected file and was not kept: expected SHA-256 {SHA256[name]}, found {found}"
+            f"{name} is not the expected file and was not kept: "
+            f"expected SHA-256 {SHA256[name]}, found {found}"
         )
     folder.mkdir(parents=True, exist_ok=True)
     with files.replacing(folder / name) as part:
@@ -89,8 +89,11 @@ def download(name, base_url=BASE_URL):
 
 
 def fetch(names=tuple(SHA256), folder=paths.SCANS, base_url=BASE_URL):
-    """Download the named scans into folder, leaving alone those already there; stops with a
-    ScanError at the first that fails.
+    """Download the named scans that are not in the folder yet.
+
+    Raises
+    ------
+    ScanError : at the first that cannot be had.
     """
     absent = [name for name in names if not (folder / name).is_file()]
     print(
@@ -102,14 +105,18 @@ def fetch(names=tuple(SHA256), folder=paths.SCANS, base_url=BASE_URL):
         content = download(name, base_url)
         store(name, content, folder)
         print(
-            f"{name} ({number} of {len(absent)}): {len(content) / 1000:.0f} kB, SHA-256 as expected",
+            f"{name} ({number} of {len(absent)}): {len(content) / 1000:.0f} kB, "
+            "SHA-256 as expected",
             flush=True,
         )
 
 
 def copy(source, names=tuple(SHA256), folder=paths.SCANS):
-    """Take the named scans that are in the source folder, and say which are not; a ScanError when
-    there is none at all.
+    """Take the named scans that are in the source folder, and say which are not.
+
+    Raises
+    ------
+    ScanError : there is none at all.
     """
     present = [name for name in names if (source / name).is_file()]
     if not present:

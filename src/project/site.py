@@ -1,6 +1,4 @@
-"""
-The notebooks as a static site: one page each, and an index with the title and first paragraph of
-each.
+"""The notebooks as a static site: a page for each, and an index of titles and first paragraphs.
 
 ``python -m project.site`` writes build/site; images are inside the pages, formulas are drawn by
 MathJax from the network.
@@ -35,9 +33,7 @@ INDEX = """<!DOCTYPE html>
 
 
 def head(notebook):
-    """Title and first paragraph of a notebook, both Markdown: its first heading, and the first
-    block of text after that.
-    """
+    """Title and first paragraph of a notebook, both Markdown."""
     text = "\n\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
     blocks = [block.strip() for block in re.split(r"\n\s*\n", text) if block.strip()]
     title = next(
@@ -65,7 +61,8 @@ def build(notebooks=paths.NOTEBOOKS, site=SITE, title="Laser-scan surface fits")
         name, paragraph = head(nbformat.read(path, as_version=4))
         (site / f"{path.stem}.html").write_text(page(path), encoding="utf-8")
         entries.append(
-            f'<h2><a href="{path.stem}.html">{html.escape(name or path.stem)}</a></h2>\n{markdown2html(paragraph)}'
+            f'<h2><a href="{path.stem}.html">{html.escape(name or path.stem)}</a></h2>\n'
+            f"{markdown2html(paragraph)}"
         )
     index = site / "index.html"
     index.write_text(

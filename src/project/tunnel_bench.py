@@ -1,7 +1,6 @@
-"""
-Time and memory of the comparison of two epochs of a tunnel, from the scans of the stations to the
-table of the sections, by the points.
+"""Time and memory of the comparison of two epochs of a tunnel, by the number of points.
 
+From the scans of the stations to the table of the sections.
 ``python -m project.tunnel_bench [--largest 4.5]``; up to the 45 million points of Li et al. (2015)
 it takes about six minutes on two cores, of which the simulation of the scans, which is not
 measured, takes half. Numbers are of this machine at this moment: table and figure go to build/bench
@@ -64,7 +63,7 @@ def scan(file, tunnel, setup, density):
 
 
 def scan_all(folder, beams):
-    """A campaign of so many beams into a folder, a file a station, on all cores."""
+    """Scan a campaign of so many beams into a folder, one file per station, on all cores."""
     tunnel = default_tunnel()
     setups = {
         name: setup
@@ -86,8 +85,9 @@ def scan_all(folder, beams):
 
 
 def joined(epoch, folder):
-    """All points (n, 3) of an epoch in one system, its stations registered by their targets; one
-    scan at a time is held beside them.
+    """All points (n, 3) of an epoch in one system, its stations registered by their targets.
+
+    One scan at a time is in memory beside them.
     """
     stations = register(epoch)
     counts = [len(np.load(folder / f"{name}.npy", mmap_mode="r")) for name in stations]
@@ -102,9 +102,7 @@ def joined(epoch, folder):
 
 
 def measured(folder):
-    """From the stations in a folder to the table: points, sections with a change, time, and the
-    largest memory of the whole process.
-    """
+    """Points, sections, time and largest memory of the way from the stations to the table."""
     epochs = survey(default_tunnel())  # for their targets
     wall, cpu = time.perf_counter(), time.process_time()
     clouds = [joined(epoch, folder) for epoch in epochs]
@@ -124,7 +122,7 @@ def peak():
 
 
 def fresh(function, *arguments):
-    """What the function returns in a process of its own.
+    """The result of a function that is called in a process of its own.
 
     A child takes over the largest memory of the process that starts it, even if it runs another
     program. The small server that starts this one keeps it from that.
@@ -134,8 +132,9 @@ def fresh(function, *arguments):
 
 
 def growing(sizes):
-    """A line a campaign of so many million beams; the exponents of CPU time and memory against the
-    points are from each to the next.
+    """One line per campaign of so many million beams, with the exponents of time and memory.
+
+    The exponents are against the points, from each campaign to the next.
     """
     rows = []
     for size in sizes:
@@ -157,7 +156,8 @@ def growing(sizes):
 def main(arguments=None):
     """Command line."""
     parser = argparse.ArgumentParser(
-        description="Time and memory of the comparison of two epochs of a tunnel, by the number of points."
+        description="Time and memory of the comparison of two epochs of a tunnel, "
+        "by the number of points."
     )
     parser.add_argument(
         "--largest",

@@ -1,4 +1,4 @@
-"""How time and memory of the comparison of two epochs grow with their points."""
+"""Figure of the benchmark of the tunnel: time and memory over the number of points."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from studies import paths
 SRC = paths.ROOT / "src"
 BELOW = {"analysis": {"analysis"}, "studies": {"analysis", "studies"}}
 BELOW["project"] = {"analysis", "studies", "project"}
-# The files and folders of analysis from the ground up: each imports what lies below it. A fit's
-# result and the adjustment are one room: igg3 returns a fit, and a fit says how its iteration ended.
+# The files and folders of analysis from the ground up: each imports what lies below it. The result
+# of a fit and the adjustment are one room: igg3 returns a fit, a fit says how its iteration ended.
 FLOORS = (
     ("blocks", "export", "reading"),
     ("checks",),

@@ -27,8 +27,7 @@ from studies import paths
 NOTEBOOKS = sorted(paths.NOTEBOOKS.glob("*.ipynb"))
 
 
-# --- environment
-# ------------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------- environment
 
 
 def wanted():
@@ -103,8 +102,7 @@ def test_make_help_lists_every_target():
     assert set(described) == targets
 
 
-# --- committed notebooks
-# ----------------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------------------------ committed notebooks
 
 
 def code_cells(path):
@@ -162,8 +160,7 @@ def test_notebook_is_stored_as_the_runner_stores_it(path):
     assert nbformat.writes(notebook) + "\n" == path.read_text(encoding="utf-8")
 
 
-# --- running notebooks
-# ------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------- running notebooks
 
 
 @pytest.fixture
@@ -230,8 +227,7 @@ def test_runner_skips_the_scans_notebook_without_scans(folder, monkeypatch, caps
     assert path.read_bytes() == before
 
 
-# --- notebooks compared by `make test`
-# ---
+# ---------------------------------------------------------------- notebooks compared by `make test`
 
 WRITE = """import os
 from pathlib import Path
@@ -301,8 +297,7 @@ def test_a_table_that_is_not_written_again_fails(copied):
     assert done.returncode != 0 and "0.25 instead of 0.26" in done.stdout
 
 
-# --- scans
-# ------------------------------------------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------------- scans
 
 
 @pytest.fixture
@@ -384,8 +379,7 @@ def test_needed_scans_are_known():
     assert len(scans.SHA256) == 11 and set(scans.NOTEBOOK_SCANS) <= set(scans.SHA256)
 
 
-# --- README
-# -----------------------------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------------------------------------- README
 
 TEXT = "before\n<!-- begin generated: one -->\nold\n<!-- end generated: one -->\nafter\n"
 
@@ -430,8 +424,7 @@ def test_the_counts_of_the_headline_are_those_of_the_audit():
             assert f"{count} {verdict}" in text
 
 
-# --- site
-# -------------------------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------- site
 
 
 def test_site_has_a_page_for_each_notebook(tmp_path):

@@ -1,5 +1,4 @@
-"""
-The tables that the notebooks wrote in this test run, against the committed ones.
+"""The tables that the notebooks wrote in this test run, against the committed ones.
 
 `make test` runs the notebooks and then this file, with one folder for both in $ANALYSIS_OUTPUT
 (conftest.py).
@@ -23,7 +22,7 @@ COMMITTED = sorted(
 
 @pytest.fixture
 def output():
-    """Where the notebooks of this run wrote."""
+    """The folder in which the notebooks of this run wrote."""
     if "NO_NOTEBOOKS_WERE_RUN" in os.environ:
         pytest.skip("no notebook was run, so there are no tables to compare: `make test` does both")
     return Path(os.environ[paths.OUTPUT_VARIABLE])

@@ -1,4 +1,4 @@
-"""What the figure of the tunnel's benchmark shows is the table, beside its limits."""
+"""The figure of the tunnel's benchmark shows its table, beside the limits."""
 
 import numpy as np
 import pandas as pd
