@@ -263,17 +263,17 @@ def local_frame(points) -> tuple[np.ndarray, np.ndarray]:
     points = tunnel_points(points)
     low, high = points.min(axis=0), points.max(axis=0)
     middle = 0.5 * (low + high)
-    cells = []
+    parts = []
     for piece in pieces(len(points), 2**20):
         east, north = np.floor((points[piece, :2] - middle[:2]) / 0.5).astype(np.int64).T
-        cells.append(np.unique(east * 2**32 + north))  # one number a cell sorts faster than two
-    cells = np.unique(np.concatenate(cells))
+        parts.append(np.unique(east * 2**32 + north))  # one number a cell sorts faster than two
+    cells = np.unique(np.concatenate(parts))
     north = (cells + 2**31) % 2**32 - 2**31
-    cells = np.stack([(cells - north) / 2**32, north], axis=-1)
-    cells -= cells.mean(axis=0)
-    direction = np.linalg.svd(cells, full_matrices=False)[2][0]
+    places = np.stack([(cells - north) / 2**32, north], axis=-1)
+    places -= places.mean(axis=0)
+    direction = np.linalg.svd(places, full_matrices=False)[2][0]
     rotation = _rotation(direction * np.sign(direction[np.argmax(np.abs(direction))]))
-    length, width = 0.5 * np.ptp(cells @ rotation[:2, :2].T, axis=0)[::-1]
+    length, width = 0.5 * np.ptp(places @ rotation[:2, :2].T, axis=0)[::-1]
     height = high[2] - low[2]
     if not length > 1.5 * max(width, height):
         raise ValueError(

@@ -250,9 +250,9 @@ class Block:
             _rows(finite_array(point, "point") - station.similarity.image, directions)
             for station in self.stations.values()
         ]
-        J = np.zeros((len(rows), len(directions), len(rows), 6))
-        J[np.arange(len(rows)), :, np.arange(len(rows))] = rows
-        J = J.reshape(len(rows) * len(directions), -1)
+        blocks = np.zeros((len(rows), len(directions), len(rows), 6))
+        blocks[np.arange(len(rows)), :, np.arange(len(rows))] = rows
+        J = blocks.reshape(len(rows) * len(directions), -1)
         return J @ self.covariance @ J.T
 
 
@@ -467,12 +467,12 @@ class _Lining:
         """
         w, cells = weights * self.precision, int(self.cell.max(initial=0)) + 1
         squares, right = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
-        sums = np.zeros((cells, count, 6))
+        of_cell = np.zeros((cells, count, 6))
         wJ = w[:, None] * self.J
         np.add.at(squares, (self.station, self.station), wJ[:, :, None] * self.J[:, None, :])
         np.add.at(right, self.station, -wJ * self.radii[:, None])
-        np.add.at(sums, (self.cell, self.station), wJ)
-        sums, total = sums.reshape(cells, -1), np.bincount(self.cell, w, cells)
+        np.add.at(of_cell, (self.cell, self.station), wJ)
+        sums, total = of_cell.reshape(cells, -1), np.bincount(self.cell, w, cells)
         total = np.where(total > 0, total, 1.0)
         of_radius = np.bincount(self.cell, w * self.radii, cells) / total
         N = squares.swapaxes(1, 2).reshape(6 * count, 6 * count) - sums.T @ (sums / total[:, None])

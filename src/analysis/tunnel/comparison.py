@@ -127,7 +127,7 @@ class ComparedSection:
             for name in _QUANTITIES
             for end in ("mm", "sd_mm")
         }
-        if self.change is not None:
+        if self.change is not None and self.ellipses is not None:
             # Where nothing is seen the ellipses differ, too, but nobody has measured that.
             largest = int(np.nanargmax(np.where(seen, np.abs(self.change.difference), np.nan)))
             row["largest_change_mm"] = 1e3 * float(self.change.difference[largest])
@@ -292,7 +292,7 @@ def compare(
         )
     report(STEPS[-1])
     sections = tuple(_compared(*pair) for pair in zip(*cuts, registrations, strict=True))
-    return Comparison(axis, tuple(linings), sections)
+    return Comparison(axis, (linings[0], linings[1]), sections)
 
 
 # ---------------------------------------------------------------------------------- a section
@@ -307,17 +307,18 @@ def _only(section: Section, keep: np.ndarray) -> Section:
 
 
 def _compared(first: Section, second: Section, registration: np.ndarray) -> ComparedSection:
-    radii = tuple(
+    before, after = (
         local_radii(section) if section.count >= FEWEST_RADII else _nothing()
         for section in (first, second)
     )
+    radii = (before, after)
     seen = ~np.isnan(differences(*radii))
     found = significance(*radii, registration=registration) if seen.any() else None
     ellipses = change = None
     note = _too_little((first, second), float(seen.mean()))
     if not note:
         ellipses, note = _ellipses((first, second))
-    if not note:
+    if ellipses is not None and not note:
         change = deformation(
             *ellipses, pole=np.zeros(2), angles=radii[0].directions, registration=registration
         )
@@ -344,13 +345,13 @@ def _ellipses(
     """Robust ellipses of both epochs, and what is wrong with them."""
     try:
         with ignore_convergence_warnings():  # the note says it
-            ellipses = tuple(
+            before, after = (
                 fit_ellipse(np.column_stack([section.u, section.v])) for section in sections
             )
     except ValueError as error:
         return None, f"no ellipse: {error}"
-    stopped = [str(ellipse.stop_reason) for ellipse in ellipses if not ellipse.converged]
-    return ellipses, stopped[0] if stopped else ""
+    stopped = [str(ellipse.stop_reason) for ellipse in (before, after) if not ellipse.converged]
+    return (before, after), stopped[0] if stopped else ""
 
 
 def _nothing() -> Radii:

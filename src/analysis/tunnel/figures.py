@@ -9,6 +9,8 @@ from what
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.colors import ListedColormap
@@ -22,7 +24,7 @@ from .significance import CLASSES
 CLASS_COLOURS = dict(zip(CLASSES, ("#1A1A1A", "#2F7FD6", "#E0261B"), strict=True))
 CLASS_MARKS = dict(zip(CLASSES, (".", "^", "s"), strict=True))
 CLASS_NAMES = dict(zip(CLASSES, ("up to 6 mm", "6 to 12 mm", "beyond 12 mm"), strict=True))
-UNSEEN = {
+UNSEEN: dict[str, Any] = {
     "facecolor": "white",
     "edgecolor": GREY,
     "hatch": "/////",

@@ -19,7 +19,7 @@ residuals is an addition.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -269,7 +269,7 @@ def _cylinder(rho, alpha, w, grid: PixelGrid, seed: int) -> CylinderFit:
     chosen = _one_a_pixel(grid.pixels(alpha, w), rho)
     points = _cartesian(rho[chosen], alpha[chosen], w[chosen])
     cloud = cylinder.reduce(points[None], axis=np.array([0.0, 1.0, 0.0]))
-    return join([robust(cloud, seed=seed)], ())
+    return join([cast(CylinderFit, robust(cloud, seed=seed))], ())
 
 
 def _distances(fit: CylinderFit, rho, alpha, w) -> np.ndarray:

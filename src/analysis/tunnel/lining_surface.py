@@ -172,7 +172,7 @@ def fitted(grid: PixelGrid, pixel: np.ndarray, d: np.ndarray) -> np.ndarray:
             if step < MEDIAN_STEPS
             else WEIGHTS.weight(e / scale)
         )
-        total = np.bincount(pixel, weights, count)
+        total: np.ndarray = np.bincount(pixel, weights, count)
         mean = np.bincount(pixel, weights * d, count) / np.maximum(total, 1e-12)
         total /= 1.0 + total / POINTS_THAT_COUNT
         new = grid.smoothed(total.reshape(grid.shape), mean.reshape(grid.shape)).ravel()

@@ -180,12 +180,13 @@ def quantities(
     )
     values, covariance = change.combination([[1, 0, 1, 0], [0, -1, 0, 0], [0, 1, 0, 1]])
     sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    before, after = ovality(first), ovality(second)
     columns = [
         ("horizontal convergence", 1000 * values[..., 0], 1000 * sd[..., 0], "mm", False),
         ("crown settlement", 1000 * values[..., 1], 1000 * sd[..., 1], "mm", False),
         ("vertical convergence", 1000 * values[..., 2], 1000 * sd[..., 2], "mm", True),
-        ("ovality, first", *(1000 * part for part in ovality(first)), "‰", False),
-        ("ovality, second", *(1000 * part for part in ovality(second)), "‰", False),
+        ("ovality, first", 1000 * before[0], 1000 * before[1], "‰", False),
+        ("ovality, second", 1000 * after[0], 1000 * after[1], "‰", False),
     ]
     rows = [
         (section, name, np.ravel(value)[section], np.ravel(deviation)[section], unit, extrapolated)
@@ -282,7 +283,7 @@ def _factor(rows: np.ndarray) -> np.ndarray:
         raise ValueError(
             f"directions: expected at least {rows.shape[-1]} for this order, got {rows.shape[-2]}"
         )
-    R = np.linalg.qr(rows, mode="r")
+    R = np.asarray(np.linalg.qr(rows, mode="r"))
     extents = np.linalg.svd(R, compute_uv=False)
     share = np.min(extents[..., -1] / extents[..., 0])
     if not share > 1e-6:

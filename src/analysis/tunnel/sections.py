@@ -197,9 +197,9 @@ def _near(
         )
         indices.append(piece.start + near)
         feet.append(foot[near])
-    index, feet = np.concatenate(indices), np.concatenate(feet)
-    order = np.argsort(feet, kind="stable")
-    return index[order], feet[order]
+    index, ascending = np.concatenate(indices), np.concatenate(feet)
+    order = np.argsort(ascending, kind="stable")
+    return index[order], ascending[order]
 
 
 # --------------------------------------------------------------------------------- directions
