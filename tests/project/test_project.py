@@ -424,6 +424,15 @@ def test_the_counts_of_the_headline_are_those_of_the_audit():
             assert f"{count} {verdict}" in text
 
 
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "data/README.md"])
+def test_files_that_are_named_are_there(name):
+    """Paths between backticks and in links; scans are fetched."""
+    text = (paths.ROOT / name).read_text(encoding="utf-8")
+    folders = "src|data|tests|notebooks|figures"
+    for one in re.findall(rf"(?:`|\]\()((?:{folders})/[\w/.-]+)[`)]", text):
+        assert one.startswith("data/scans") or (paths.ROOT / one).exists(), one
+
+
 # --------------------------------------------------------------------------------------------- site
 
 
