@@ -10,20 +10,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
+import numpy as np  # noqa: F401 - in the examples
 
 from .adjustment import igg3
 from .blocks import BLOCK, pieces
-from .checks import (
-    check_one_of,
-    check_positive,
-    covariance_array,
-    finite_array,
-    point_array,
-    weight_array,
-)
+from .checks import check_one_of, check_positive, finite_array, point_array
 from .orthogonal import gauss_helmert
-from .orthogonal.cloud import Cloud, DegenerateCloud
+from .orthogonal.cloud import Cloud, DegenerateCloud, a_priori
 from .result import Array, Fit, join, warn_if_not_converged
 from .surfaces import cylinder, ellipse, plane, plane_eiv, sphere, sphere_eiv
 
@@ -383,35 +376,28 @@ def _fit(
     """Common part of every ``fit_*``: check, solve the stack a block at a time, join the fits."""
     chosen = geometry.methods[check_one_of(method, geometry.methods, "method")]
     points = point_array(points, geometry.dimension, geometry.minimum, geometry.cloud.surface)
-    lead, (n, dim) = points.shape[:-2], points.shape[-2:]
-    full = np.ndim(cofactors) >= 3 and np.shape(cofactors)[-3:] == (n, dim, dim)
-    _check_request(geometry, method, full, cofactors, weights, absolute, fixed)
-    matrices = None
-    if full:
-        matrices = covariance_array(cofactors, lead + (n, dim, dim), "cofactors")
-        matrices, cofactors = matrices.reshape((-1, n, dim, dim)), None
-    a_priori = _a_priori_weights(weights, cofactors, lead + (n,))
+    a_priori_weights, matrices = a_priori(weights, cofactors, points.shape)
+    asked = {
+        "full cofactors": matrices is not None,
+        "absolute cofactors": absolute,
+        f"a held {fixed}": fixed is not None,
+    }
+    if absolute and cofactors is None:
+        raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
+    _require_able(geometry, method, [what for what, wanted in asked.items() if wanted])
     if chosen.seeded:
         options["seed"] = seed
-    fits = _solve(geometry.reduce, chosen, points, a_priori, matrices, options)
-    fit = join(fits, lead, absolute)
+    fits = _solve(geometry.reduce, chosen, points, a_priori_weights, matrices, options)
+    fit = join(fits, points.shape[:-2], absolute)
     warn_if_not_converged(fit)
     return fit
 
 
-def _check_request(
-    geometry: Geometry, method: str, full: bool, cofactors, weights, absolute: bool, fixed
-) -> None:
-    """Raise ``ValueError`` for what contradicts itself, and what the method cannot take."""
-    if full and weights is not None:
-        raise ValueError("weights: expected None beside full cofactors, which say all, got both")
-    if absolute and cofactors is None:
-        raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
-    asked = {"full cofactors": full, "absolute cofactors": absolute, f"a held {fixed}": fixed}
-    if not geometry.methods[method].consistent:
+def _require_able(geometry: Geometry, method: str, asked: list[str]) -> None:
+    """Raise ``ValueError`` if something is asked of a method that only the consistent ones can."""
+    if asked and not geometry.methods[method].consistent:
         able = ", ".join(name for name, one in geometry.methods.items() if one.consistent)
-        for what in (what for what, wanted in asked.items() if wanted):
-            raise ValueError(f"method: expected one of {able} with {what}, got {method!r}")
+        raise ValueError(f"method: expected one of {able} with {asked[0]}, got {method!r}")
 
 
 def _solve(
@@ -434,15 +420,3 @@ def _solve(
             which = f" in cloud {part.start + error.index} of the stack" if lead else ""
             raise ValueError(f"{error}{which}") from None
     return fits
-
-
-def _a_priori_weights(weights, cofactors, shape: tuple[int, ...]) -> Array | None:
-    """Weights over cofactors as (B, n), or None when neither is given."""
-    if weights is None and cofactors is None:
-        return None
-    product = np.ones(shape)
-    if weights is not None:
-        product *= weight_array(weights, shape)
-    if cofactors is not None:
-        product /= weight_array(cofactors, shape, "cofactors")
-    return product.reshape((-1, shape[-1]))

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..adjustment.wtls import triangular_factor
 from ..blocks import point_pieces
+from ..checks import covariance_array, weight_array
 from ..result import Adjustment, Array, Fit
 from .observations import Observations
 
@@ -141,3 +142,27 @@ def frame_of(points: Array) -> tuple[Array, Array]:
         D = points[:, piece] - origin[:, None, :]
         squares += np.einsum("bni,bni->b", D, D)
     return origin, np.exp2(np.round(0.5 * np.log2(np.maximum(squares / n, np.finfo(float).tiny))))
+
+
+def a_priori(weights, cofactors, shape: tuple[int, ...]) -> tuple[Array | None, Array | None]:
+    """Weights (B, n) and full cofactors (B, n, dim, dim), each or None, of points of a ``shape``.
+
+    Raises ``ValueError`` for other shapes, what is not positive (definite), and weights beside full
+    cofactors.
+    """
+    lead, (n, dim) = shape[:-2], shape[-2:]
+    if np.ndim(cofactors) >= 3 and np.shape(cofactors)[-3:] == (n, dim, dim):
+        if weights is not None:
+            raise ValueError(
+                "weights: expected None beside full cofactors, which say all, got both"
+            )
+        matrices = covariance_array(cofactors, lead + (n, dim, dim), "cofactors")
+        return None, matrices.reshape((-1, n, dim, dim))
+    if weights is None and cofactors is None:
+        return None, None
+    product = np.ones(lead + (n,))
+    if weights is not None:
+        product *= weight_array(weights, lead + (n,))
+    if cofactors is not None:
+        product /= weight_array(cofactors, lead + (n,), "cofactors")
+    return product.reshape((-1, n)), None

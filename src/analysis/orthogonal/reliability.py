@@ -35,8 +35,9 @@ from scipy.stats import t as student
 
 from ..adjustment.linalg import solve
 from ..blocks import point_pieces
-from ..checks import check_one_of, check_positive, covariance_array, point_array, weight_array
+from ..checks import check_one_of, check_positive, point_array
 from ..result import Array, Fit
+from .cloud import a_priori
 from .gauss_helmert import linearised
 from .observations import Observations
 
@@ -140,12 +141,12 @@ def reliability(
         fit.sigma_0 if sigma is None else check_positive(sigma, "sigma"), lead
     ).reshape(-1, 1)
     omega = fit.weights.reshape(-1, n)
-    data = Observations.of(
-        array.reshape((count,) + array.shape[-2:]),
-        np.zeros((count, model.dimension)),
-        np.ones(count),
-        _cofactors(weights, cofactors, lead + (n,), count),
-    )
+    weights, cofactors = a_priori(weights, cofactors, array.shape)
+    if cofactors is None:
+        cofactors = np.ones((1, 1)) if weights is None else 1.0 / weights
+    points = array.reshape((count,) + array.shape[-2:])
+    origin, length = np.zeros((count, model.dimension)), np.ones(count)
+    data = Observations.of(points, origin, length, cofactors)
 
     def blocks():
         """Weights, distances, Jacobian and variances of the distances, so many points at a time."""
@@ -246,21 +247,6 @@ def data_snooping(
             return fit, kept
         # Tiny probabilities are all 0; the residual tells them apart.
         kept[np.flatnonzero(kept)[np.nanargmax(np.abs(tested.standardised))]] = False
-
-
-def _cofactors(weights, cofactors, shape: tuple[int, ...], count: int) -> Array:
-    """Cofactors (B, n, dim, dim), (B, n) or (1, 1) of the points from what a fit takes."""
-    if weights is None and cofactors is None:
-        return np.ones((1, 1))
-    if cofactors is not None and np.ndim(cofactors) >= 3:
-        dim = np.shape(cofactors)[-1]
-        return covariance_array(cofactors, shape + (dim, dim), "cofactors").reshape(
-            count, shape[-1], dim, dim
-        )
-    variances = np.ones(shape) if cofactors is None else weight_array(cofactors, shape, "cofactors")
-    if weights is not None:
-        variances = variances / weight_array(weights, shape)
-    return variances.reshape(count, shape[-1])
 
 
 def _p_values(u: Array, in_use: np.ndarray, t: int) -> Array:

@@ -1,6 +1,4 @@
-"""The consistent methods `eiv` and `geometric`: what they minimise, against other solvers; what the
-cofactors of the points do.
-"""
+"""The consistent methods `eiv` and `geometric`: minima against other solvers, effect of cofactors."""
 
 import warnings
 
@@ -63,8 +61,9 @@ def fit(method="geometric", kind="none", points=None, **options):
 
 
 def odrpack_of(points, start, Q, held):
-    """``|p − k| − r = 0`` by ODRPACK in implicit mode; its ``cov_beta`` times ``res_var`` is the
-    covariance, ``sd_beta`` squared.
+    """``|p − k| − r = 0`` by ODRPACK in implicit mode.
+
+    Its ``cov_beta`` times ``res_var`` is the covariance, ``sd_beta`` squared.
     """
 
     def normals(columns, x):
@@ -166,8 +165,9 @@ def test_eiv_with_equal_cofactors_shrinks_each_distance():
 
 
 def test_eiv_and_geometric_differ_with_the_square_of_the_noise():
-    """Four times when σ doubles: both see the same errors, taken with either sign, so that odd
-    powers of σ cancel.
+    """Four times when σ doubles.
+
+    Both see the same errors, taken with either sign, so that odd powers of σ cancel.
     """
     rng = np.random.default_rng(3)
     points = 0.0725 * directions((300, 60), rng, 80.0)
@@ -188,8 +188,9 @@ def test_eiv_and_geometric_differ_with_the_square_of_the_noise():
 
 
 def mahalanobis_foot_step(points, Q, x):
-    """Gauss-Newton step of ``min Σ eᵀQ⁻¹e`` from x, the point of the sphere nearest to each p found
-    by Newton in the multiplier.
+    """Gauss-Newton step of ``min Σ eᵀQ⁻¹e`` from x.
+
+    The point of the sphere nearest to each p is found by Newton in the multiplier.
     """
     weight = np.linalg.inv(Q)
     values, vectors = np.linalg.eigh(weight)
@@ -209,8 +210,9 @@ def mahalanobis_foot_step(points, Q, x):
 
 @pytest.mark.parametrize("sigma", [0.001, 0.01, 0.03])
 def test_geometric_with_full_cofactors_is_at_the_minimum(sigma):
-    """Each point's error runs to the nearest point of the sphere in the metric of its own
-    covariance, found here in another way.
+    """Each point's error runs to the nearest point of the sphere in the metric of its covariance.
+
+    That is found here in another way.
     """
     points = cloud("full", sigma)
     ours = fit(kind="full", points=points)
@@ -220,8 +222,9 @@ def test_geometric_with_full_cofactors_is_at_the_minimum(sigma):
 
 
 def test_geometric_at_the_limb_of_a_scanned_sphere():
-    """Where the beam grazes the sphere its range error runs along the surface: 20 times the error
-    across it.
+    """Where the beam grazes the sphere its range error runs along the surface.
+
+    20 times the error across it.
     """
     rng = np.random.default_rng(4)
     center, radius, sigma_range, sigma_across = np.array([0.0, 0.0, -6.0]), 0.0725, 0.002, 0.0001
@@ -313,17 +316,16 @@ def test_a_held_radius_is_held_and_has_no_variance(method, kind):
 )
 @every_cofactor
 def test_the_radius_found_and_then_held_gives_the_same_centre(method, part_of_sigma, kind):
-    """But for the redundancies, which are larger by one parameter and decide about the weights of
-    `robust`.
-    """
+    """But for the redundancies, larger by one, which decide about the weights of `robust`."""
     free = fit(method, kind)
     held = fit(method, kind, radius=float(free.radius))
     np.testing.assert_allclose(held.center, free.center, rtol=0, atol=part_of_sigma * SIGMA)
 
 
 def test_a_held_radius_on_a_small_cap():
-    """Where the radius can hardly be found, holding it matters most; the points are good, so all
-    methods agree to their noise.
+    """Where the radius can hardly be found, holding it matters most.
+
+    The points are good, so all methods agree to their noise.
     """
     rng = np.random.default_rng(10)
     points = 0.05 * directions((20, 200), rng, 20.0) + 0.0005 * rng.standard_normal((20, 200, 3))
@@ -360,8 +362,9 @@ def test_bias_correction_takes_sigma_squared_over_r_off_the_radius():
 
 
 def test_bias_of_the_radius_is_what_is_taken_off():
-    """Points on a whole sphere with 5 % noise: the fit of distances is 0.25 % too large, and
-    corrected it is not.
+    """Points on a whole sphere with 5 % noise.
+
+    The fit of distances is 0.25 % too large, and corrected it is not.
     """
     rng = np.random.default_rng(5)
     points = directions((400, 200), rng, 180.0) + 0.05 * rng.standard_normal((400, 200, 3))
@@ -390,8 +393,9 @@ def test_bias_correction_is_for_equal_cofactors_and_a_free_radius(given):
 
 
 def test_bias_along_the_line_of_sight():
-    """R = 72.5 mm, 60 points within 80° of the scanner: LS comes out towards it, the consistent
-    methods do not.
+    """R = 72.5 mm, 60 points within 80° of the scanner.
+
+    LS comes out towards it, the consistent methods do not.
 
     Errors of either sign: what is linear in them cancels, so that a few hundred clouds show the
     bias.
@@ -462,8 +466,9 @@ def test_order_of_the_points_does_not_matter(method, kind):
 @every_consistent
 @pytest.mark.parametrize("radius", [None, 0.05])
 def test_a_small_sphere_at_large_coordinates(method, radius):
-    """50 mm on a national grid: the points rounded to their last digits there, the answer moved by
-    whole metres to 1 µm.
+    """50 mm on a national grid.
+
+    The points rounded to their last digits there, the answer moved by whole metres to 1 µm.
     """
     rng = np.random.default_rng(9)
     shift = np.array([5e5, 4e6, 100.0])
@@ -547,7 +552,8 @@ def with_block(block):
     [
         (
             in_full("full")[1:],
-            r"cofactors: expected shape \(80, 3, 3\) or|cofactors: expected shape \(80,\) or \(80,\), got \(79, 3, 3\)",
+            r"cofactors: expected shape \(80, 3, 3\) or"
+            r"|cofactors: expected shape \(80,\) or \(80,\), got \(79, 3, 3\)",
         ),
         (np.ones((N, 3)), r"cofactors: expected shape \(80,\) .*got \(80, 3\)"),
         (np.ones((N, 2, 2)), r"cofactors: expected shape .*got \(80, 2, 2\)"),

@@ -66,9 +66,7 @@ def test_redundancy_sums_to_n_less_t(method, radius, given):
 
 @pytest.mark.parametrize("method", ["geometric", "robust"])
 def test_dense_algebra(method):
-    """Residuals ``(I − J N⁻¹ Jᵀ W) d`` of errors with covariance σ² diag(v), spelled out as
-    matrices.
-    """
+    """Residuals ``(I − J N⁻¹ Jᵀ W) d`` of errors with covariance σ² diag(v), as matrices."""
     points, variances = outwards(cloud(N), 3, 0.02), GIVEN["variances"]["cofactors"]
     fit = analysis.fit_sphere(
         points,
@@ -103,8 +101,9 @@ def test_dense_algebra(method):
 
 @pytest.mark.parametrize("row", [0, 7, 23])
 def test_a_minimal_bias_does_what_is_said_of_it(row):
-    """Put into exact points: the standardised residual becomes δ0, and the parameters move by the
-    external reliability.
+    """Put into exact points.
+
+    The standardised residual becomes δ0, and the parameters move by the external reliability.
     """
     points = cloud(N, sigma=0.0)
     said = reliability(geometric(points), points, sigma=SIGMA)
@@ -160,8 +159,9 @@ def test_absolute_cofactors_know_sigma():
 
 
 def test_a_rejected_point_is_tested_as_a_prediction():
-    """It has no part in the fit: redundancy 1, no external effect, and a residual with the variance
-    σ²(1 + g).
+    """It has no part in the fit.
+
+    Redundancy 1, no external effect, and a residual with the variance σ²(1 + g).
     """
     points = outwards(cloud(N), 3, 0.05)
     fit = analysis.fit_sphere(points)
@@ -174,8 +174,9 @@ def test_a_rejected_point_is_tested_as_a_prediction():
 
 
 def test_corrections_for_the_number_of_tests():
-    """Without one, alpha·n good points fail; Bonferroni lets any fail in alpha of the clouds; with
-    FDR alpha of the failed are good.
+    """Without one, alpha·n good points fail; Bonferroni lets any fail in alpha of the clouds.
+
+    With FDR alpha of the failed are good.
     """
     points = cloud(500, 100, seed=5)
     p = reliability(geometric(points), points, sigma=SIGMA)
@@ -226,8 +227,9 @@ def test_the_place_does_not_matter():
 
 
 def test_a_million_points():
-    """A thousand errors of 10 σ among them are found, all tests together; in blocks, so that little
-    memory is needed.
+    """A thousand errors of 10 σ among them are found, all tests together.
+
+    In blocks, so that little memory is needed.
     """
     points = cloud(1_000_000, seed=7)
     for_all = np.zeros(1_000_000)

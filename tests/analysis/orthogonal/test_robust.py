@@ -1,6 +1,4 @@
-"""The robust fit: how much it stands, how well it uses good points, whether its covariance is true,
-and the real scans.
-"""
+"""The robust fit: breakdown, efficiency, whether its covariance is true, and the real scans."""
 
 import tomllib
 import warnings
@@ -39,9 +37,7 @@ def noisy_clouds(count, n, rng, sigma=SIGMA):
 
 
 def moved_radially(points, chosen, by):
-    """A copy with the ``chosen`` (B, m) points of each cloud moved away from the centre by (B, m),
-    m.
-    """
+    """A copy with ``chosen`` (B, m) points of each cloud moved off the centre by (B, m), m."""
     moved = points.copy()
     D = np.take_along_axis(points, chosen[..., None], axis=1) - TRUTH[:3]
     D *= 1 + (by / np.linalg.norm(D, axis=-1))[..., None]
@@ -115,8 +111,9 @@ def test_breakdown(spoilt, share, seed):
 
 
 def test_a_wall_is_not_taken_for_the_sphere():
-    """A target of 50 mm before a wall that has fewer points and less noise: a large sphere would
-    lie closer to it.
+    """A target of 50 mm before a wall that has fewer points and less noise.
+
+    A large sphere would lie closer to it.
     """
     rng = np.random.default_rng(3)
     z, angle = rng.uniform(0.0, 1.0, (50, 550)), rng.uniform(0, 2 * np.pi, (50, 550))
@@ -136,8 +133,9 @@ def test_a_wall_is_not_taken_for_the_sphere():
 
 
 def test_sphere_of_the_point_cloud_library():
-    """Nine points on the unit sphere to 0.0003 and a tenth in the origin: found where the printed
-    method keeps it.
+    """Nine points on the unit sphere to 0.0003 and a tenth in the origin.
+
+    Found where the printed method keeps it.
     """
     content = tomllib.loads(
         (Path(__file__).parents[2] / "reference" / "pcl_sphere.toml").read_text(encoding="utf-8")
@@ -193,8 +191,7 @@ def test_without_any_rejection_it_is_the_geometric_fit():
 
 @pytest.mark.parametrize(("n", "share"), [(60, 0.0), (2 * LARGE + 1000, 0.3)])
 def test_the_fixed_point_is_what_the_text_says(n, share):
-    """Weights from residuals over σ √(1 − h), estimating equations solved with them, σ the
-    consistent scale of them.
+    """Weights from residuals over σ √(1 − h), equations solved with them, σ their consistent scale.
 
     Of a large cloud, too: the blocks, and the part of the points that is adjusted first, are means
     and not part of the estimate.
@@ -225,8 +222,9 @@ def test_the_fixed_point_is_what_the_text_says(n, share):
 
 
 def test_the_scale_does_not_overshoot():
-    """With half of the points anywhere the scale falls by much at once; a step beyond what is found
-    would leave no point in use.
+    """With half of the points anywhere the scale falls by much at once.
+
+    A step beyond what is found would leave no point in use.
     """
     points = replaced(np.ascontiguousarray(clouds.sphere_redraws(2000)[:, :100]), "uniform", 50, 5)
     assert analysis.fit_sphere(points).converged.all()
@@ -265,9 +263,7 @@ def test_the_order_of_the_points_does_not_matter(n):
 
 @pytest.mark.parametrize("count", [300, 500])
 def test_the_start_does_not_know_the_order(count):
-    """Points are drawn for it by their place and not by their number, so even the start is the same
-    to the last bit.
-    """
+    """Points are drawn by place, not by number: even the start is the same to the last bit."""
     given = reduce(GROSS[None]).observations()
     shuffled = replace(given, points=given.points[:, np.random.default_rng(8).permutation(500)])
     first, second = (points.subsample(count, 0).all().D for points in (given, shuffled))
@@ -324,7 +320,8 @@ def test_few_points():
 
 
 def share_inside(fit, truth, level=0.95):
-    """Share of the fits whose confidence ellipsoid of (a, b, c, r) holds the truth:
+    """Share of the fits whose confidence ellipsoid of (a, b, c, r) holds the truth.
+
     ``dᵀC⁻¹d ≤ 4 F(4, n' − 4)``, n' points in use.
     """
     d = fit.parameters - truth
@@ -339,9 +336,7 @@ THREE_SIGMA = 3 * np.sqrt(0.95 * 0.05 / TRIALS)
 
 @pytest.mark.parametrize("spoilt", [None, clustered, uniform])
 def test_the_confidence_ellipsoid_holds_the_truth(spoilt):
-    """At 95 %, clean and with 20 % of gross errors, and the standard deviations are those of the
-    redraws.
-    """
+    """At 95 %, clean and with 20 % of gross errors; standard deviations are those of redraws."""
     rng = np.random.default_rng(11)
     points = noisy_clouds(TRIALS, 500, rng)
     fit = analysis.fit_sphere(points if spoilt is None else spoilt(points, 0.2, rng))
@@ -358,8 +353,9 @@ SCANNED = 300
 
 
 def scanned_targets(rng, sigma_range=0.001, sigma_across=0.0003):
-    """Targets of 72.5 mm at 6 m with the range and angle errors of a scanner in the origin: points,
-    their covariances, truth.
+    """Targets of 72.5 mm at 6 m with the range and angle errors of a scanner in the origin.
+
+    Points, their covariances, truth.
     """
     truth = np.array([3.5, 4.5, -1.8, 0.0725])
     axes = np.linalg.qr(np.column_stack([truth[:3], np.eye(3)[:, :2]]))[0]
@@ -384,8 +380,9 @@ def scanned_targets(rng, sigma_range=0.001, sigma_across=0.0003):
 
 
 def test_the_confidence_ellipsoid_with_the_cofactors_of_a_scanner():
-    """Errors along the beam and across it, handed over as full covariances: calibrated, and σ0 is
-    1.
+    """Errors along the beam and across it, handed over as full covariances.
+
+    Calibrated, and σ0 is 1.
     """
     points, Q, truth = scanned_targets(np.random.default_rng(12))
     fit = analysis.fit_sphere(points, cofactors=Q)
@@ -396,8 +393,9 @@ def test_the_confidence_ellipsoid_with_the_cofactors_of_a_scanner():
 
 @pytest.mark.parametrize(("thresholds", "least"), [((2.5, 4.0), 0.95), ((1.5, 2.5), 0.70)])
 def test_efficiency_is_that_of_the_weight_function(thresholds, least):
-    """Variance of the geometric fit over that of the robust one, on the same clean clouds; 98 % by
-    default, 77 % as printed.
+    """Variance of the geometric fit over that of the robust one, on the same clean clouds.
+
+    98 % by default, 77 % as printed.
     """
     points = noisy_clouds(TRIALS, 300, np.random.default_rng(13))
     geometric = analysis.fit_sphere(points, "geometric").parameters
@@ -429,8 +427,9 @@ def scan(name):
 @pytest.mark.parametrize("shift", [np.zeros(3), LARGE], ids=["as scanned", "large coordinates"])
 @pytest.mark.parametrize("name", REFERENCE_CENTERS)
 def test_a_raw_scan_gives_the_sphere(name, shift):
-    """With everything that stands around it, and no option: radius within 0.3 mm, centre within 0.4
-    mm of the reference.
+    """With everything that stands around it, and no option.
+
+    Radius within 0.3 mm, centre within 0.4 mm of the reference.
     """
     points, reference = scan(name)
     fit = analysis.fit_sphere(points + shift)

@@ -1,6 +1,4 @@
-"""Elliptic cylinders: exact points, motions, the circular limit, derivatives, covariance, gross
-errors, bad input.
-"""
+"""Elliptic cylinders: exact points, motions, circles, derivatives, covariance, gross errors."""
 
 import numpy as np
 import pytest
@@ -21,8 +19,9 @@ def rotation(seed):
 
 
 def surface(n=300, a=2.75, b=2.65, angle=0.4, length=3.0, seed=0, arc=(-np.pi, np.pi), noise=0.0):
-    """Points (n, 3) around the y axis; the major axis lies ``angle`` from right (x) towards up (z),
-    the noise along the normals.
+    """Points (n, 3) around the y axis.
+
+    The major axis lies ``angle`` from right (x) towards up (z), the noise along the normals.
     """
     generator = np.random.default_rng(seed)
     t, w = generator.uniform(*arc, n), generator.uniform(-0.5, 0.5, n) * length
@@ -35,9 +34,7 @@ def surface(n=300, a=2.75, b=2.65, angle=0.4, length=3.0, seed=0, arc=(-np.pi, n
 
 
 def tunnel_with_furniture(n, share, bed, seed, length=3.0, noise=0.003):
-    """A tunnel seen over 270° of which ``bed`` is a track bed and ``share`` a cabinet 15 cm off the
-    wall.
-    """
+    """A tunnel seen over 270°: ``bed`` is a track bed, ``share`` a cabinet 15 cm off the wall."""
     generator = np.random.default_rng(seed)
     m, k = int(share * n), int(bed * n)
     wall = surface(n - m - k, 2.75, 2.70, 0.1, length, seed, (-0.25 * np.pi, 1.25 * np.pi), noise)
@@ -140,7 +137,7 @@ def test_a_given_axis_leads_to_the_same_cylinder():
 
 @every_method
 def test_the_normal_equations_are_those_of_an_independent_minimisation(method):
-    """scipy's least squares of closest points found by brute force, from a cylinder a little off."""
+    """scipy's least squares of closest points by brute force, from a cylinder a little off."""
     points = surface(150, 2.75, 2.60, 0.4, 4.0, noise=0.01)
     fit = analysis.fit_elliptic_cylinder(points, method)
     weights = np.sqrt(fit.weights)
@@ -265,8 +262,9 @@ def test_isotropic_cofactors_in_three_forms(method):
 @every_method
 @pytest.mark.parametrize("b", [2.70, 2.75])
 def test_covariance_is_that_of_repeated_surveys(method, b):
-    """Clouds of a 270° arc; the regular parameters also of a circular cylinder. Standard deviations
-    within 3.5 of their own.
+    """Clouds of a 270° arc; the regular parameters also of a circular cylinder.
+
+    Standard deviations within 3.5 of their own.
     """
     trials, n = (300 if method == "geometric" else 100), 150
     tolerance = 3.5 / np.sqrt(2 * trials)

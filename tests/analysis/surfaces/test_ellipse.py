@@ -1,6 +1,4 @@
-"""The ellipse: its feet and conics, what each method minimises, what it stands, and whether its
-covariance is true.
-"""
+"""The ellipse: feet and conics, what each method minimises, breakdown, covariance."""
 
 import tomllib
 import warnings
@@ -392,8 +390,9 @@ def test_the_ellipsoid_of_95_percent_holds_the_truth(method, n, trials, paramete
 
 
 def test_covariance_of_the_semi_axes_and_the_angle():
-    """Of a flat ellipse, whose axes are well told apart: that of a sample of 2000, whose standard
-    deviations are good to 1.6 %.
+    """Of a flat ellipse, whose axes are well told apart.
+
+    That of a sample of 2000, whose standard deviations are good to 1.6 %.
     """
     fits = analysis.fit_ellipse(
         section((2000, 60), np.random.default_rng(16), FLAT, 0.005), "geometric"
@@ -407,8 +406,9 @@ def test_covariance_of_the_semi_axes_and_the_angle():
 
 
 def test_bias_of_second_order_is_taken_off():
-    """A small circle with much noise: the radius is too large by σ²/2r = 1.25 mm, and with the
-    correction by less than a fifth of it.
+    """A small circle with much noise.
+
+    The radius is too large by σ²/2r = 1.25 mm, and with the correction by less than a fifth of it.
     """
     points = section((500, 400), np.random.default_rng(18), [0, 0, 1, 1, 0], 0.05, np.pi)
     plain = analysis.fit_ellipse(points, "geometric").regular[:, 2].mean() - 1.0
@@ -474,9 +474,7 @@ def test_one_bad_cloud_leaves_the_others_alone():
 
 
 def test_reliability_of_the_points():
-    """Redundancy sums up to n − 5, and an error of the minimal size does to the ellipse what is
-    said of it.
-    """
+    """Redundancy sums up to n − 5; an error of the minimal size changes the ellipse as stated."""
     points = section((30,), np.random.default_rng(23), FLAT, 0.003)
     fit = analysis.fit_ellipse(points, "geometric")
     found = analysis.reliability(fit, points)

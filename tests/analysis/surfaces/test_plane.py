@@ -1,6 +1,4 @@
-"""The plane: every method against the truth, against each other, and against solvers that share no
-code with it.
-"""
+"""The plane: every method against the truth, each other, and solvers that share no code with it."""
 
 import numpy as np
 import odrpack
@@ -140,8 +138,9 @@ def test_site_coordinates(method):
 
 
 def test_orthogonal_plane_through_four_points():
-    """(0 0 0), (1 0 0), (0 1 0), (0 0 1): Σd² = 1/4; the least of the problem by symmetry
-    (scikit-spatial's tests).
+    """(0 0 0), (1 0 0), (0 1 0), (0 0 1): Σd² = 1/4.
+
+    The least of the problem by symmetry (scikit-spatial's tests).
     """
     fit = analysis.fit_plane(np.vstack([np.zeros(3), np.eye(3)]), "geometric")
     np.testing.assert_allclose(fit.normal, np.full(3, 3**-0.5), atol=1e-14)
@@ -181,8 +180,9 @@ def test_the_linear_solvers_agree(weights):
 
 @pytest.mark.parametrize("cosine_at", ["raw", "projected"])
 def test_wtls_is_the_printed_problem_with_its_own_weights(cosine_at):
-    """Weights of the LS plane, then of each new one; for given weights the minimum is weighted
-    principal component analysis.
+    """Weights of the LS plane, then of each new one.
+
+    For given weights the minimum is weighted principal component analysis.
     """
     points = patch((1, 2, 3), noise=0.05)
     A, y = np.column_stack([points[:, :2], np.ones(100)]), points[:, 2]
@@ -312,9 +312,7 @@ def test_covariance_of_slopes_and_of_the_normal_belong_together():
 
 
 def gross(share, one_sided, runs=200, n=100, seed=3):
-    """(runs, n, 3) level patches of 1 m with σ 2 mm, the first of whose points are off by 5 to 50
-    cm.
-    """
+    """(runs, n, 3) level patches of 1 m with σ 2 mm, the first points of each off by 5 to 50 cm."""
     generator = np.random.default_rng(seed)
     points = np.concatenate(
         [generator.uniform(-0.5, 0.5, (runs, n, 2)), np.zeros((runs, n, 1))], axis=-1

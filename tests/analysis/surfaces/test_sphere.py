@@ -1,6 +1,4 @@
-"""Sphere fits: exact data, each method against its printed equations in dense form, the paper's
-clouds, bad input.
-"""
+"""Sphere fits: exact data, each method against its printed equations in dense form, bad input."""
 
 import dataclasses
 import warnings
@@ -34,9 +32,7 @@ def directions(n, seed=0, above=-1.0):
 
 
 def noisy(n=40, seed=1, gross=0):
-    """n points around the paper's sphere with 5 cm of noise, the first ``gross`` of them 2 m inside
-    it.
-    """
+    """n points around the paper's sphere with 5 cm of noise, the first ``gross`` 2 m inside it."""
     points = (
         TRUTH[:3]
         + TRUTH[3] * directions(n, seed, above=0.0)
@@ -108,8 +104,9 @@ def test_small_sphere_at_geocentric_coordinates(method):
 
 
 def test_noise_at_geocentric_coordinates_is_the_noise_at_the_origin():
-    """LS of the same noisy points moved by whole metres: the answer moves with them to the rounding
-    of the coordinates.
+    """LS of the same noisy points moved by whole metres.
+
+    The answer moves with them to the rounding of the coordinates.
     """
     local = np.round(
         0.05 * directions(200, above=0.0)
@@ -153,7 +150,7 @@ def radius_jacobian(X):
 
 
 def dense_wtls(points, P, iterations=60):
-    """Eqs. (16)-(17) for fixed weights P_X (n,) with n×n matrices; points of weight 0 are deleted."""
+    """Eqs. (16)-(17) for fixed weights P_X (n,) with n×n matrices, without points of weight 0."""
     A, Y = printed_rows(points)
     X = np.linalg.lstsq(A, Y, rcond=None)[0]
     for _ in range(iterations):
@@ -256,8 +253,9 @@ def test_mixed_ls_tls_is_the_svd_of_the_centred_rows(points):
 
 
 def test_mixed_ls_tls_is_the_smallest_singular_vector_however_noisy():
-    """Twelve points with 10 % of noise: there an iteration may end at another singular vector,
-    which is no minimum.
+    """Twelve points with 10 % of noise.
+
+    There an iteration may end at another singular vector, which is no minimum.
     """
     generator = np.random.default_rng(47)
     radial = generator.standard_normal((12, 3))
@@ -305,7 +303,7 @@ def dense_scale(scale, d, P, base, X, points, function):
 
 
 def dense_igg3_wtls(points, base, iterations, scale, power, cumulative, start):
-    """Section 1.4 of the paper: (X, σ, P) after each iteration, P the weights the iteration used."""
+    """Section 1.4 of the paper: (X, σ, P) after each iteration, P the weights that it used."""
     A, Y = printed_rows(points)
     function = IGG3(1.5, 2.5, power)
     first = Y / base if start == "Q_Y" else base / Y
@@ -331,9 +329,7 @@ def dense_igg3_wtls(points, base, iterations, scale, power, cumulative, start):
 @pytest.mark.parametrize("start", ["Q_Y", "P_Y"])
 @pytest.mark.parametrize("unit_weight", [1.0, 1000.0])
 def test_igg3_wtls_is_the_printed_iteration(scale, power, cumulative, start, unit_weight):
-    """The first twelve iterations one by one, with a-priori weights, gross errors and zero weights
-    among them.
-    """
+    """The first twelve iterations, with a-priori weights, gross errors and zero weights."""
     points = noisy(gross=3)
     weights = np.random.default_rng(4).uniform(0.5, 2.0, len(points))
     options = dict(scale=scale, power=power, cumulative=cumulative, start=start)
@@ -414,7 +410,7 @@ def test_igg3_wtls_ends_at_the_first_small_step_in_printed_x(tolerance):
 
 
 def test_points_of_tiny_weight_count_as_used():
-    """Cumulative weights fall to 1e-90 and are not 0: in use is what has a weight, however small."""
+    """Cumulative weights fall to 1e-90 and are not 0: what has a weight is in use."""
     fit = analysis.fit_sphere(CLEAN, "igg3_wtls")
     assert np.any(fit.inliers & (fit.weights < 1e-20)) and np.any(~fit.inliers)
     np.testing.assert_array_equal(fit.inliers, fit.weights > 0)
@@ -422,8 +418,9 @@ def test_points_of_tiny_weight_count_as_used():
 
 @every_cloud
 def test_no_method_finds_an_imaginary_sphere(points):
-    """LS and mixed LS-TLS make Σr = 0, so r² is the mean of |p − k|², and pure TLS has no smaller
-    r² than the spread of the points.
+    """LS and mixed LS-TLS make Σr = 0, so r² is the mean of |p − k|².
+
+    Pure TLS has no smaller r² than the spread of the points.
     """
     spread = np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))
     for method in ("ls", "mixed_ls_tls"):
@@ -461,9 +458,7 @@ def test_distances_are_positive_outside(depth):
 
 
 def test_ls_covariance_is_the_scatter_of_redraws():
-    """On the whole sphere isotropic noise makes equal algebraic residuals, which is what LS
-    assumes.
-    """
+    """On the whole sphere isotropic noise makes equal algebraic residuals, as LS assumes."""
     truth, sigma, count, n = np.array([1.0, 2.0, 3.0, 1.0]), 1e-3, 2000, 50
     exact = truth[:3] + directions(n, above=-1.0)
     fit = analysis.fit_sphere(
@@ -559,8 +554,9 @@ def test_table_1_clean():
 
 
 def test_table_1_scatter_of_ls():
-    """Standard deviations in mm, stated to their last digit, over 2000 redraws: 1.6 % of
-    Monte-Carlo error each.
+    """Standard deviations in mm, stated to their last digit, over 2000 redraws.
+
+    1.6 % of Monte-Carlo error each.
     """
     fit = analysis.fit_sphere(clouds.sphere_redraws(2000), "ls")
     scatter = 1e3 * (fit.parameters - TRUTH).std(axis=0)
@@ -729,7 +725,10 @@ def test_inputs_stay_and_results_are_frozen(method):
 
 
 def test_repr_says_what_was_found():
-    found = "SphereFit(method='igg3_wtls', a=9.99995, b=9.99995, c=1.00103, r=14.1414, 495 of 500 points in use; "
+    found = (
+        "SphereFit(method='igg3_wtls', a=9.99995, b=9.99995, c=1.00103, r=14.1414, "
+        "495 of 500 points in use; "
+    )
     assert repr(analysis.fit_sphere(GROSS, "igg3_wtls")).startswith(found)
     assert (
         repr(analysis.fit_sphere(np.stack([CLEAN, GROSS]), "ls"))
@@ -764,8 +763,9 @@ def test_warning_points_at_the_caller():
 
 @pytest.mark.parametrize("power", [1, 2])
 def test_weights_that_collapse_are_no_result(power):
-    """Cumulative weights with σ0 as the scale, a length of another kind: at most one point keeps a
-    weight.
+    """Cumulative weights with σ0 as the scale, a length of another kind.
+
+    At most one point keeps a weight.
     """
     fit = fit_quietly(GROSS, "igg3_wtls", scale="unit", power=power)
     assert fit.inliers.sum() < 4
@@ -774,16 +774,18 @@ def test_weights_that_collapse_are_no_result(power):
 
 
 def test_cumulative_weights_with_their_own_rms_collapse():
-    """Of five hundred points a handful is left, and it calls itself converged: that is what the
-    rule does.
+    """Of five hundred points a handful is left, and it calls itself converged.
+
+    That is what the rule does.
     """
     fit = fit_quietly(GROSS, "igg3_wtls", scale="rms_w")
     assert 4 <= fit.inliers.sum() < 20
 
 
 def test_sphere_with_negative_squared_radius():
-    """δ + |k|² < 0 happens by rounding alone (far away pure TLS meets it), so it is asked of the
-    common ending.
+    """δ + |k|² < 0 happens by rounding alone (far away pure TLS meets it).
+
+    So the common ending is asked for it.
     """
     cloud = sphere.reduce(directions(20)[None], None)
     x = np.array([[0.0, 0.0, 0.0, -1.0]])
@@ -865,9 +867,20 @@ def test_bad_points_are_refused(method, points, message):
         (np.full((30, 3), 1.7), "all at one place"),
         (np.zeros((30, 3)), "all at one place"),
     ],
-    ids="flat z,flat x,tilted,small tilted,tiny tilted,circle,small tilted circle,four,line,tilted line,equal,zero".split(
-        ","
-    ),
+    ids=[
+        "flat z",
+        "flat x",
+        "tilted",
+        "small tilted",
+        "tiny tilted",
+        "circle",
+        "small tilted circle",
+        "four",
+        "line",
+        "tilted line",
+        "equal",
+        "zero",
+    ],
 )
 def test_points_that_determine_no_sphere_are_refused(method, points, place, shift):
     with pytest.raises(
@@ -901,8 +914,9 @@ def test_flat_cloud_of_a_long_stack_is_named():
     [(0.05, 0.0, 1e-6), (2.0, 0.0, 1e-9), (2.0, 1e3, 1e-3), (10.0, 1e3, 1e-6)],
 )
 def test_small_caps_are_not_refused(angle, shift, tolerance):
-    """A cap of 2° of a 72.5 mm sphere is 0.04 mm high, one of 0.05° 28 nm: little, and still a
-    sphere to the points' own digits.
+    """A cap of 2° of a 72.5 mm sphere is 0.04 mm high, one of 0.05° 28 nm.
+
+    Little, and still a sphere to the points' own digits.
     """
     points = 0.0725 * directions(100, above=np.cos(np.radians(angle))) + shift
     np.testing.assert_allclose(analysis.fit_sphere(points, "ls").radius, 0.0725, rtol=tolerance)

@@ -62,7 +62,7 @@ INVARIANCES = {
     "geometric": (EVERYTHING, "it holds distances from the surface"),
     "robust": (
         EVERYTHING,
-        "it holds distances from the surface, and its samples do not depend on the order of the points",
+        "it takes distances from the surface, and its samples do not depend on the points' order",
     ),
 }
 OPTIONS = {"igg3_wtls": {"tolerance": 1e-11}}
@@ -78,8 +78,9 @@ def cloud():
 
 
 def parameters(points, method):
-    """(a, b, c, r); igg3_wtls steps on at rounding level when its tolerance is that low, which is
-    no matter here.
+    """(a, b, c, r) of a fit.
+
+    With so low a tolerance ``igg3_wtls`` goes on at rounding level, which does not matter here.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
