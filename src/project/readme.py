@@ -12,9 +12,9 @@ import re
 import sys
 
 from analysis.export import files, tables
-from studies import paths, printed, verdicts
-from studies.ou_liu_2017 import causes, real_spheres
-from studies.printed import headline
+from studies import paths, verdicts
+from studies.ou_liu_2017 import causes, headline, real_spheres
+from studies.ou_liu_2017.printed_tables import TITLES
 
 from . import paper_map
 
@@ -23,10 +23,7 @@ README = paths.ROOT / "README.md"
 
 def comparisons():
     """The comparisons of tables 1 and 2 with the redraws, as notebook 03 wrote them."""
-    return [
-        tables.read(paths.RESULTS / f"03_sphere_tables_table{table}.csv")
-        for table in printed.TITLES
-    ]
+    return [tables.read(paths.RESULTS / f"03_sphere_tables_table{table}.csv") for table in TITLES]
 
 
 def audited():

@@ -1,4 +1,4 @@
-"""One row a printed number: its verdict, why, and where that is shown."""
+"""One row per printed number: its verdict, why, and where that is shown."""
 
 from __future__ import annotations
 
@@ -8,28 +8,13 @@ import pandas as pd
 
 from analysis.export import tables
 
-from .li_2015 import verdicts as tunnel_numbers
-from .ou_liu_2017 import verdicts as sphere_numbers
-from .printed import METHODS, SYMBOLS, PrintedNumber, registry
-from .printed.judgement import VERDICTS, Evaluator, Results
-from .wu_chen_wang import verdicts as plane_numbers
-
-TITLES = {
-    "ou_liu_2017": "Ou & Liu (2017)",
-    "wu_chen_wang": "Wu, Chen & Wang",
-    "li_2015": "Li and others (2015)",
-}
-LABELS = {name: label for label, name in METHODS.items()}
-
-
-def evaluators() -> dict[str, Evaluator]:
-    """id -> evaluator of every printed number: the one place where they are registered."""
-    return sphere_numbers.evaluators() | plane_numbers.evaluators() | tunnel_numbers.evaluators()
+from .papers import PAPERS, evaluators, registry
+from .printed.judgement import VERDICTS, Results
+from .printed.numbers import PrintedNumber, Statement
 
 
 def verdicts(results: Results | None = None) -> pd.DataFrame:
-    """Every printed number and claim of the three papers with its verdict, one row each, from what
-    the notebooks wrote.
+    """Every printed number and claim with its verdict, one row each, from what notebooks wrote.
 
     Columns: ``id``, ``paper``, ``place``, ``quantity``, ``unit``, ``printed`` (text); ``median``,
     ``lower``, ``upper`` and ``percentile`` of the redraws; ``verdict``, ``why``, ``notebook``;
@@ -77,17 +62,19 @@ COLUMNS = (
 )
 
 
-def _place(number) -> tuple[str, str]:
+def _place(number: PrintedNumber | Statement) -> tuple[str, str]:
     """Where it is printed, and what."""
     if isinstance(number, PrintedNumber):
         sphere = f", sphere {number.sample}" if number.sample else ""
-        symbol = SYMBOLS.get(number.quantity, number.quantity.removesuffix("_m"))
-        return f"table {number.table}{sphere}, {LABELS[number.method]}", symbol
+        paper = PAPERS[number.paper]
+        symbol = paper.symbols.get(number.quantity, number.quantity.removesuffix("_m"))
+        label = paper.labels.get(number.method, number.method)
+        return f"table {number.table}{sphere}, {label}", symbol
     return number.where, number.quantity
 
 
 def counts(frame: pd.DataFrame) -> pd.DataFrame:
-    """How many numbers have which verdict: a row a paper and one for all, a column a verdict.
+    """Number of printed numbers: one row per paper and one for all, one column per verdict.
 
     >>> counts(pd.DataFrame({"paper": ["li_2015"], "verdict": ["reproduced"]}))[["paper", "numbers", "reproduced"]].tail(2)
                       paper  numbers  reproduced
@@ -95,7 +82,7 @@ def counts(frame: pd.DataFrame) -> pd.DataFrame:
     3                   all        1           1
     """
     rows = []
-    for paper, title in [*TITLES.items(), ("", "all")]:
+    for paper, title in [*((name, one.title) for name, one in PAPERS.items()), ("", "all")]:
         mine = frame[frame["paper"] == paper] if paper else frame
         rows.append(
             {"paper": title, "numbers": len(mine)}
@@ -113,9 +100,7 @@ def headline(frame: pd.DataFrame) -> str:
 
 
 def headline_text(frame: pd.DataFrame) -> str:
-    """The counts for the terminal, at most 110 columns wide: two sentences, and a line a verdict
-    with a column a paper.
-    """
+    """The counts for the terminal, at most 110 columns wide: two sentences and a table."""
     return f"{textwrap.fill(headline(frame), 110)}\n\n{tables.text(_by_verdict(frame), 0)}"
 
 

@@ -7,16 +7,18 @@ import pandas as pd
 import pytest
 
 from analysis.export import tables
-from studies import printed as published
-from studies import publish
-from studies.ou_liu_2017 import causes
+from studies import papers, paths, publish, verdicts
+from studies.ou_liu_2017 import causes, comparison, headline
+from studies.ou_liu_2017.printed_tables import SYMBOLS, printed_numbers
 from studies.paths import PUBLISHED, RESULTS
-from studies.printed import INSIDE, OUTSIDE, REPRODUCED, compare, headline, printed_numbers, verdict
+from studies.printed.comparison import INSIDE, OUTSIDE, REPRODUCED, compare, verdict
+from studies.printed.judgement import NOT_CHECKABLE, from_interval, setting
+from studies.printed.numbers import PrintedNumber, read_table
 
 
 def printed(text, decimals):
     """A printed number with everything else fixed."""
-    return published.PrintedNumber("ou_liu_2017", 1, "", "ls", "sigma_s_m", text, decimals, "m")
+    return PrintedNumber("ou_liu_2017", 1, "", "ls", "sigma_s_m", text, decimals, "m")
 
 
 def find(table, method, quantity, sample=""):
@@ -40,9 +42,7 @@ def test_every_number_of_a_table_is_there_once(table, count):
 def test_the_quantities_of_the_simulations():
     for table in (1, 2):
         assert {(number.method, number.quantity) for number in printed_numbers(table)} == {
-            (method, quantity)
-            for method in ("ls", "tls", "igg3_wtls")
-            for quantity in published.SYMBOLS
+            (method, quantity) for method in ("ls", "tls", "igg3_wtls") for quantity in SYMBOLS
         }
 
 
@@ -81,7 +81,7 @@ def test_another_table_is_refused():
     with pytest.raises(ValueError, match="expected table 1, 2 or 3, got 4"):
         printed_numbers(4)
     with pytest.raises(ValueError, match="expected table 1 or 2"):
-        published.comparison_table(3, {}, {})
+        comparison.comparison_table(3, {}, {})
 
 
 def test_a_printed_number_cannot_be_changed():
@@ -182,7 +182,7 @@ def comparisons():
         frames.append((table, ours, redraws))
     frames[0][2]["igg3_wtls", "sigma_0"] = np.linspace(0.002, 0.003, 101)
     frames[1][2]["tls", "abs_delta_c_m"] = np.where(np.arange(101) < 7, np.nan, 11.1511)
-    return [published.comparison_table(*frame) for frame in frames]
+    return [comparison.comparison_table(*frame) for frame in frames]
 
 
 def test_comparison_table_has_a_row_a_printed_number(comparisons):
@@ -192,7 +192,7 @@ def test_comparison_table_has_a_row_a_printed_number(comparisons):
         assert frame["quantity"].tolist() == [number.quantity for number in numbers]
         assert frame["method"].tolist() == [number.method for number in numbers]
         np.testing.assert_array_equal(frame["ours"], frame["printed"])
-    wrong = comparisons[0].query("verdict != @published.REPRODUCED")
+    wrong = comparisons[0].query("verdict != @REPRODUCED")
     assert wrong[["method", "quantity", "verdict"]].values.tolist() == [
         ["igg3_wtls", "sigma_0", OUTSIDE]
     ]
@@ -201,7 +201,7 @@ def test_comparison_table_has_a_row_a_printed_number(comparisons):
 
 def test_a_missing_value_is_named():
     with pytest.raises(KeyError, match="abs_delta_a_m"):
-        published.comparison_table(1, {}, {})
+        comparison.comparison_table(1, {}, {})
 
 
 def test_headline_shows_every_number_as_printed(comparisons):
@@ -212,7 +212,7 @@ def test_headline_shows_every_number_as_printed(comparisons):
     numbers = [number for table in (1, 2) for number in printed_numbers(table)]
     for row, number in zip(rows, numbers, strict=True):
         assert (number.text if number.text != "0" else "0.0000") in row.split()
-        assert published.SYMBOLS[number.quantity] in row.split()
+        assert SYMBOLS[number.quantity] in row.split()
     assert sum(row.endswith("outside") for row in rows) == 1
     assert "36 printed numbers: 35 reproduced to the printed digits, 0 inside" in shown
     assert "Table 2, tls: 7 redraws without a real sphere left out." in shown
@@ -239,12 +239,12 @@ def test_headline_markdown_is_a_table_for_each_table(comparisons):
 
 
 def test_the_registry_holds_every_number_and_statement_once():
-    registry = published.registry()
+    registry = papers.registry()
     numbers = [number for table in (1, 2, 3) for number in printed_numbers(table)]
     assert len(numbers) == 78
     assert [number.id for number in numbers] == list(registry)[:78]
     assert all(registry[number.id] == number for number in numbers)
-    assert len(registry) == 78 + len(published.statements())
+    assert not any(isinstance(entry, PrintedNumber) for entry in list(registry.values())[78:])
     assert all(name == entry.id for name, entry in registry.items())
     assert {name.partition("/")[0] for name in registry} == {
         "ou_liu_2017",
@@ -257,17 +257,19 @@ def test_every_line_of_the_files_is_a_statement_with_its_digits():
     lines = {}
     for path in sorted(PUBLISHED.glob("*statements.csv")):
         frame = pd.read_csv(path, dtype=str, keep_default_na=False)
-        papers = (
+        names = (
             frame["paper"]
             if "paper" in frame
             else [path.stem.removesuffix("_statements")] * len(frame)
         )
         lines |= {
             f"{paper}/{key}": text
-            for paper, key, text in zip(papers, frame["id"], frame["value"], strict=True)
+            for paper, key, text in zip(names, frame["id"], frame["value"], strict=True)
         }
-    assert {name: statement.text for name, statement in published.statements().items()} == lines
-    percentage = published.statements()["ou_liu_2017/rel_radius_II_IGG"]
+    registry = papers.registry()
+    assert {name: registry[name].text for name in lines} == lines
+    assert len(registry) == 78 + len(lines)
+    percentage = registry["ou_liu_2017/rel_radius_II_IGG"]
     assert (percentage.text, percentage.value, percentage.half_unit, percentage.unit) == (
         "1.10",
         1.1,
@@ -277,7 +279,7 @@ def test_every_line_of_the_files_is_a_statement_with_its_digits():
 
 
 def test_a_claim_has_words_and_no_value():
-    claim = published.statements()["ou_liu_2017/claim_table2_tls_worst"]
+    claim = papers.registry()["ou_liu_2017/claim_table2_tls_worst"]
     assert claim.text == "claim" and "TLS" in claim.quantity
     with pytest.raises(ValueError):
         _ = claim.value
@@ -290,10 +292,43 @@ def test_two_statements_of_one_name_are_refused(monkeypatch, tmp_path):
             text + text.splitlines()[1] + "\n" if path.stem.startswith("li") else text,
             encoding="utf-8",
         )
-    monkeypatch.setattr(published.numbers, "PUBLISHED", tmp_path)
+    monkeypatch.setattr(paths, "PUBLISHED", tmp_path)
     with pytest.raises(ValueError, match="li_2015/tunnel_length twice"):
-        published.statements()
+        papers.registry()
 
 
 def test_no_number_is_left_unexplained():
     assert all(":" in cause and "unexplained" not in cause for cause in causes.CAUSES.values())
+
+
+def test_a_fourth_paper_is_its_files_and_one_entry(monkeypatch, tmp_path):
+    """Nothing else has to be touched for its numbers to get verdicts and its title a row."""
+    header = "id,where,quantity,value,unit,note\n"
+    (tmp_path / "fourth_2026_statements.csv").write_text(
+        header + "noise,section 2,noise of a point,2.0,mm,\n", encoding="utf-8"
+    )
+    (tmp_path / "fourth_2026_table1.csv").write_text(
+        "method,radius_m\nours,0.0725\n", encoding="utf-8"
+    )
+    (tmp_path / "further_statements.csv").write_text("paper," + header, encoding="utf-8")
+    monkeypatch.setattr(paths, "PUBLISHED", tmp_path)
+
+    def table():
+        read = read_table("fourth_2026", 1, {"ours": "robust"}, lambda column, _: (column, "m"))
+        return {number.id: number for number in read}
+
+    def judges():
+        return {
+            "fourth_2026/table1/robust/radius_m": lambda number, _: from_interval(
+                number, 0.07251, 0.072, 0.073, "", "12_cylinder"
+            ),
+            "fourth_2026/noise": setting("12_cylinder"),
+        }
+
+    fourth = papers.Paper("Fourth (2026)", judges, numbers=table)
+    monkeypatch.setattr(papers, "PAPERS", {"fourth_2026": fourth})
+    monkeypatch.setattr(verdicts, "PAPERS", papers.PAPERS)
+    frame = verdicts.verdicts()
+    assert frame["verdict"].tolist() == [REPRODUCED.split()[0], NOT_CHECKABLE]
+    assert frame["place"].tolist() == ["table 1, robust", "section 2"]
+    assert verdicts.counts(frame).set_index("paper").loc["Fourth (2026)", "numbers"] == 2

@@ -14,8 +14,9 @@ from analysis.export.figures import GREY, GROSS, TRUTH, new
 from analysis.methods import SPHERE_METHODS
 from analysis.surfaces.sphere import SphereFit
 
-from .. import printed
 from ..ou_liu_2017.clouds import GROSS_POINTS
+from ..ou_liu_2017.printed_tables import METHODS, SYMBOLS, printed_numbers
+from ..printed.comparison import OUTSIDE
 from ..publish import publish
 
 STEM = "03_sphere_tables"
@@ -110,7 +111,7 @@ def _error_line(ax, y, line):
 def _error_quantiles(studies, methods) -> pd.DataFrame:
     rows = []
     for table, study in studies.items():
-        numbers = {(n.method, n.quantity): n.value for n in printed.printed_numbers(table)}
+        numbers = {(n.method, n.quantity): n.value for n in printed_numbers(table)}
         for name in PARAMETERS:
             for variant, method in methods.items():
                 size = 1e3 * study[variant][f"delta_{name}_m"].abs()
@@ -140,9 +141,9 @@ def positions(comparisons: Sequence[pd.DataFrame]) -> None:
         ax.axvspan(ndtri(0.025), ndtri(0.975), color="#EDEDED", zorder=0)
         ax.axvline(0, color=GREY, lw=0.8)
         for place, line in enumerate(frame.itertuples()):
-            y = place + place // len(printed.SYMBOLS)
+            y = place + place // len(SYMBOLS)
             z = np.clip(ndtri(line.percentile / 100), limit, -limit)
-            outside = line.verdict == printed.OUTSIDE
+            outside = line.verdict == OUTSIDE
             colour = SPHERE_METHODS[line.method].colour
             face = "white" if outside else colour
             ax.plot(
@@ -155,7 +156,7 @@ def positions(comparisons: Sequence[pd.DataFrame]) -> None:
                 markeredgewidth=1.6,
             )
         ax.set_title(
-            f"Table {table}: {(frame['verdict'] == printed.OUTSIDE).sum()} of {len(frame)} outside"
+            f"Table {table}: {(frame['verdict'] == OUTSIDE).sum()} of {len(frame)} outside"
         )
         ticks = np.array([0.01, 0.5, 2.5, 16, 50, 84, 97.5, 99.5, 99.99])
         words = [f"{tick:g}" for tick in ticks]
@@ -164,10 +165,9 @@ def positions(comparisons: Sequence[pd.DataFrame]) -> None:
         )
         ax.set_xlabel("percentile among the redraws (grey: central 95 %)")
         ax.grid(axis="y", visible=False)
-    count = len(printed.SYMBOLS)
+    count = len(SYMBOLS)
     labels = [
-        (i + i // count, symbol)
-        for i, symbol in enumerate(list(printed.SYMBOLS.values()) * len(printed.METHODS))
+        (i + i // count, symbol) for i, symbol in enumerate(list(SYMBOLS.values()) * len(METHODS))
     ]
     axes[0].set_yticks(*zip(*labels, strict=True))
     axes[0].set_ylim(labels[-1][0] + 0.7, -0.7)
@@ -181,7 +181,7 @@ def positions(comparisons: Sequence[pd.DataFrame]) -> None:
             markersize=7,
             label=SPHERE_METHODS[m].label,
         )
-        for m in printed.METHODS.values()
+        for m in METHODS.values()
     ]
     hollow = {"marker": "o", "markersize": 7, "markerfacecolor": "white", "markeredgewidth": 1.6}
     handles.append(Line2D([], [], color=TRUTH, ls="", label="outside", **hollow))

@@ -21,9 +21,9 @@ from ..printed.judgement import (
     refuted_if,
     setting,
 )
-from ..printed.relation import printed
+from ..printed.numbers import statements
 
-PAPER = "li_2015/"
+PAPER = "li_2015"
 CAMPAIGN, DEFORMATION = "09_tunnel_campaign", "10_tunnel_deformation"
 
 _NO_SCANS = "the scans are not published"
@@ -75,7 +75,7 @@ def stickers(number, results: Results) -> Judgement:
     """The stickers against the 6 mm of the code, in the simulated campaign."""
     accuracy = results[f"{CAMPAIGN}_accuracy"]
     highest = accuracy.loc[accuracy["coordinate"] == "point", "high_mm"].max()
-    if highest < printed()[PAPER + "threshold_1"].value:
+    if highest < statements(PAPER)[f"{PAPER}/threshold_1"].value:
         common = "but what the stickers of a station have in common they do not show"
         why = f"so do simulated ones, {highest:.1f} mm at most; {common}"
         return Judgement(CONSISTENT, why, CAMPAIGN)
@@ -118,4 +118,4 @@ _TEXT |= {
 
 def evaluators() -> dict[str, Evaluator]:
     """id -> evaluator of every number and claim of the paper."""
-    return {PAPER + key: evaluator for key, evaluator in _TEXT.items()}
+    return {f"{PAPER}/{key}": evaluator for key, evaluator in _TEXT.items()}

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import pandas as pd
 
 from ..printed.comparison import OUTSIDE
-from ..printed.numbers import METHODS, SYMBOLS
+from .printed_tables import LABELS, SYMBOLS
 
 # Why a number is outside: (table, method, quantity) -> cause. Notebooks 03 and 11 show what each
 # rests on.
@@ -55,11 +55,10 @@ def outside(comparison_tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     KeyError : a number is outside and `CAUSES` does not say why.
     """
     every = pd.concat(list(comparison_tables))
-    labels = {name: label for label, name in METHODS.items()}
     rows: dict[tuple, list[str]] = {}
     for row in every[every["verdict"] == OUTSIDE].itertuples():
         cause = CAUSES[row.table, row.method, row.quantity]
-        rows.setdefault((row.table, labels[row.method], cause), []).append(
+        rows.setdefault((row.table, LABELS[row.method], cause), []).append(
             f"{SYMBOLS[row.quantity]} {row.printed:.{row.decimals}f}"
         )
     return pd.DataFrame(

@@ -24,8 +24,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ..printed import METHODS, TITLES
-from ..printed.relation import Paper, Relation, Row, row
+from ..printed.relation import Numbers, Relation
 from . import table3_relations
 from .clouds import (
     GROSS_POINTS,
@@ -36,8 +35,9 @@ from .clouds import (
     SPHERE_RADIUS,
     sphere_redraws,
 )
+from .printed_tables import LABELS, METHODS, TITLES, Row, printed, row
 from .rows import REDUNDANCY, good_points, moments, sums
-from .table3_relations import LABELS, RADIUS, SAMPLES
+from .table3_relations import RADIUS, SAMPLES
 
 DRAWS = 300  # of the cloud, over which the least is taken
 NOISE = math.sqrt(3) / 2 * 10.0**-SPHERE_DECIMALS  # m, the farthest that rounding can move a point
@@ -51,7 +51,7 @@ MU_SPREAD = (
 ALGEBRAIC = ("ls", "tls")  # methods whose σ0 is the root mean square of the algebraic residual
 
 
-def sigma_0_against_sigma_s(paper: Paper) -> list[Relation]:
+def sigma_0_against_sigma_s(paper: Numbers) -> list[Relation]:
     """Tables 1 and 2: ``max(r, 2r − √n σs) ≤ σ0 √((n − 4)/n) / σs ≤ 2r + √n σs``.
 
     Proof: |r_alg| = |d| (2r + d), and |d| ≤ √n σs, as no term exceeds the sum; further 2r + d ≥ r,
@@ -74,7 +74,7 @@ def sigma_0_against_sigma_s(paper: Paper) -> list[Relation]:
     return found
 
 
-def sigma_0_of_scans(paper: Paper) -> list[Relation]:
+def sigma_0_of_scans(paper: Numbers) -> list[Relation]:
     """Table 3: ``r σs ≤ σ0`` and ``σ0 ≤ (2r + R) σs √(n/(n − 4))``, with R the nominal radius and n
     ≥ 20.
 
@@ -105,7 +105,7 @@ def sigma_0_of_scans(paper: Paper) -> list[Relation]:
     return found
 
 
-def unit_weight_of_scans(paper: Paper) -> list[Relation]:
+def unit_weight_of_scans(paper: Numbers) -> list[Relation]:
     """Table 3: σ0 of IGG III-WTLS over what σs leads to is alike for both spheres, within a factor
     of 3.
 
@@ -135,7 +135,7 @@ def unit_weight_of_scans(paper: Paper) -> list[Relation]:
     ]
 
 
-def least_squares_is_least(paper: Paper) -> list[Relation]:
+def least_squares_is_least(paper: Numbers) -> list[Relation]:
     """Every table: σ0 of TLS is not below σ0 of LS.
 
     Proof: both are √(Σr_alg²/(n − 4)) over the same points, and LS minimises that sum over all
@@ -155,7 +155,7 @@ def least_squares_is_least(paper: Paper) -> list[Relation]:
     return found
 
 
-def sigma_s_over_all_points(paper: Paper) -> list[Relation]:
+def sigma_s_over_all_points(paper: Numbers) -> list[Relation]:
     """σs of another method over the same points is not far below that of LS.
 
     Tables 1 and 2, LS unprimed, the other primed: ``max(r, 2r − √n σs) σs ≤ (2r' + √n σs') σs'``.
@@ -207,7 +207,7 @@ def digits_of_residual(one: Row) -> float:
     )
 
 
-def radius_follows_centre(paper: Paper) -> list[Relation]:
+def radius_follows_centre(paper: Numbers) -> list[Relation]:
     """Table 1, LS and TLS: some draw and some signs make the mean of r_alg zero.
 
     Proof: the normal equation of the column of ones is Σr_alg = 0 for LS; for TLS it is −δ
@@ -235,7 +235,7 @@ def radius_follows_centre(paper: Paper) -> list[Relation]:
     return found
 
 
-def gross_residuals(paper: Paper) -> list[Relation]:
+def gross_residuals(paper: Numbers) -> list[Relation]:
     """Table 2, LS: ``(Σ_good r_alg)²/5 ≤ 496 σ0² − Σ_good r_alg²`` for some draw and some signs;
     the value is left over right.
 
@@ -267,7 +267,7 @@ def gross_residuals(paper: Paper) -> list[Relation]:
     ]
 
 
-def least_rms(paper: Paper) -> list[Relation]:
+def least_rms(paper: Numbers) -> list[Relation]:
     """Tables 1 and 2: σ0 of LS and TLS is at least what the printed sphere leaves at the good
     points, ``√(Σ_good r_alg²/496)``.
 
@@ -290,7 +290,7 @@ def least_rms(paper: Paper) -> list[Relation]:
     return found
 
 
-def least_sigma_s(paper: Paper) -> list[Relation]:
+def least_sigma_s(paper: Numbers) -> list[Relation]:
     """Tables 1 and 2, LS and IGG III-WTLS: σs is at least ``√(Σ_good r_alg²/500) / (2r + D)``, D =
     |Δk| + |Δr| + √3/2 · 0.01 m.
 
@@ -313,7 +313,7 @@ def least_sigma_s(paper: Paper) -> list[Relation]:
     return found
 
 
-def radius_between_points(paper: Paper) -> list[Relation]:
+def radius_between_points(paper: Numbers) -> list[Relation]:
     """Table 1, and IGG III-WTLS of table 2: ``|Δr| ≤ |Δk| + √3/2 · 0.01 m``, in table 2
     ``+ 5 k1 σs (μ_most/μ_least)/495``.
 
@@ -348,14 +348,14 @@ def radius_between_points(paper: Paper) -> list[Relation]:
     return found
 
 
-def centres_of_scans(paper: Paper) -> list[Relation]:
+def centres_of_scans(paper: Numbers) -> list[Relation]:
     """Table 3: centres of LS and TLS within reach of the points; see
     `table3_relations.centres_within_reach`.
     """
     return [table3_relations.centres_within_reach(sample, paper) for sample in SAMPLES]
 
 
-def radius_errors(paper: Paper) -> list[Relation]:
+def radius_errors(paper: Numbers) -> list[Relation]:
     """Table 3: the column |Δr| is |r − R|; see `table3_relations.radius_error`."""
     return [
         table3_relations.radius_error(sample, method, paper)
@@ -363,7 +363,7 @@ def radius_errors(paper: Paper) -> list[Relation]:
     ]
 
 
-def percentages(paper: Paper) -> list[Relation]:
+def percentages(paper: Numbers) -> list[Relation]:
     """The percentages of section 2.2 against table 3; see `table3_relations.relative_radius_error`."""
     return [
         table3_relations.relative_radius_error(sample, method, paper)
@@ -371,7 +371,7 @@ def percentages(paper: Paper) -> list[Relation]:
     ]
 
 
-def only_difference(paper: Paper) -> list[Relation]:
+def only_difference(paper: Numbers) -> list[Relation]:
     """Section 2.2: LS and TLS agree in table 3 to one unit of the last digit, the difference that
     the text names for b of sphere II.
 
@@ -406,7 +406,7 @@ def only_difference(paper: Paper) -> list[Relation]:
 class Check:
     """A check and, in words, what it claims to find."""
 
-    function: Callable[[Paper], list[Relation]]
+    function: Callable[[Numbers], list[Relation]]
     finds: str
     proved: bool = True
 
@@ -452,11 +452,22 @@ CHECKS = {
 """
 
 
-def judge(paper: Paper) -> dict[str, list[Relation]]:
+def judge(paper: Numbers) -> dict[str, list[Relation]]:
     """Check name -> its relations on a paper.
 
-    >>> from studies.printed.relation import printed
-    >>> [name for name, relations in judge(printed()).items() if not all(relation.holds for relation in relations)][:2]
+    >>> found = judge(printed())
+    >>> [name for name in found if not all(relation.holds for relation in found[name])][:2]
     ['σ0 of scans', 'unit weight of scans']
     """
     return {name: check.function(paper) for name, check in CHECKS.items()}
+
+
+@cache
+def violated() -> list[tuple[str, Relation]]:
+    """The relations that fail on print, each with the name of its check."""
+    return [
+        (name, relation)
+        for name, relations in judge(printed()).items()
+        for relation in relations
+        if not relation.holds
+    ]

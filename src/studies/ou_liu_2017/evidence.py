@@ -12,7 +12,6 @@ doi:10.7510/jgjs.issn.1001-3806.2017.05.026.
 from __future__ import annotations
 
 import math
-from functools import cache
 from statistics import NormalDist
 
 import numpy as np
@@ -22,22 +21,8 @@ from numpy.typing import NDArray
 from analysis.methods import fit_sphere
 from analysis.surfaces.sphere import PARAMETERS
 
-from ..printed import printed_numbers
 from .clouds import SPHERE_CENTER, SPHERE_POINTS, SPHERE_RADIUS
-
-
-@cache
-def printed(table: int, method: str = "ls") -> dict[str, float]:
-    """The printed numbers of one row of table 1, 2 or 3, by quantity.
-
-    >>> printed(1)["sigma_s_m"]
-    0.00282
-    """
-    return {
-        number.quantity: number.value
-        for number in printed_numbers(table)
-        if number.method == method
-    }
+from .printed_tables import values
 
 
 def true_distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,7 +79,7 @@ def rounding(steps: tuple[float, ...] = (0.1, 0.01, 0.001)) -> pd.DataFrame:
     >>> table.loc[table.sigma_s_ratio.sub(1).abs().idxmin(), "step_m"]
     np.float64(0.01)
     """
-    table = printed(1)
+    table = values(1, "ls")
     noise = np.array(steps) / np.sqrt(12.0)
     expected = {
         "sigma_s_m": noise * np.sqrt(1 - PARAMETERS / SPHERE_POINTS),
@@ -118,7 +103,7 @@ def cap_or_sphere(clean: NDArray[np.float64]) -> pd.DataFrame:
     """
     both = clean.copy()
     both[::2, 2] = 2 * SPHERE_CENTER[2] - both[::2, 2]
-    table = printed(1)
+    table = values(1, "ls")
     rows = []
     for name, points in (("upper cap", clean), ("both halves", both)):
         sd = fit_sphere(points, "ls").standard_deviations
@@ -143,7 +128,7 @@ def inside_or_outside(clean: NDArray[np.float64], gross: NDArray[np.float64]) ->
 
     Parameters: clean and gross, (n, 3) clouds that differ in the gross errors alone, m.
     """
-    table = printed(2)
+    table = values(2, "ls")
     rows = [
         {
             "gross errors": "as printed",

@@ -12,7 +12,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..printed import printed_numbers
 from .clouds import (
     GROSS_DEPTH,
     GROSS_POINTS,
@@ -21,12 +20,9 @@ from .clouds import (
     SPHERE_POINTS,
     sphere_redraws,
 )
+from .printed_tables import values
 
-_SIGMA_S = next(
-    number.value
-    for number in printed_numbers(2)
-    if (number.method, number.quantity) == ("ls", "sigma_s_m")
-)
+_SIGMA_S = values(2, "ls")["sigma_s_m"]
 ROOT_MEAN_SQUARE = math.sqrt(SPHERE_POINTS * _SIGMA_S**2 / len(GROSS_POINTS))  # m, of a gross error
 WIDEST = math.sqrt(3) * ROOT_MEAN_SQUARE  # m, of a uniform law from 0 with that root mean square
 

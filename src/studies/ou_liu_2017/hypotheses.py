@@ -26,8 +26,6 @@ from analysis.export import tables
 
 from ..montecarlo import sphere_study
 from ..paths import RESULTS, existing
-from ..printed import METHODS, printed_numbers
-from ..printed.relation import printed, row
 from .clouds import (
     SEED,
     SPHERE_CENTER,
@@ -38,6 +36,7 @@ from .clouds import (
     sphere_redraws,
 )
 from .gross_errors import ANY_SIZE, COMMITTED, SIZES, redraws_of_size
+from .printed_tables import LABELS, METHODS, printed, printed_numbers, row
 from .rows import radius_with_wrong_sign
 
 TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
@@ -348,7 +347,7 @@ def radius_slips(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFr
     ]
     rows = []
     for law, study in studies.items():
-        for method, label in ((name, label) for label, name in METHODS.items()):
+        for method, label in LABELS.items():
             number = printed()[f"ou_liu_2017/table2/{method}/abs_delta_r_m"]
             errors = study[method][[f"delta_{name}_m" for name in "abcr"]].to_numpy()
             slipped = np.abs(radius_with_wrong_sign(TRUTH + errors) - SPHERE_RADIUS)

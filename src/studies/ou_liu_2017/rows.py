@@ -21,8 +21,8 @@ from analysis.adjustment.igg3 import SCALES
 from analysis.surfaces.sphere import PARAMETERS
 
 from ..montecarlo import sphere_study
-from ..printed import METHODS, printed_numbers
 from .clouds import GROSS_POINTS, SPHERE_CENTER, SPHERE_POINTS, SPHERE_RADIUS
+from .printed_tables import METHODS, values
 
 REDUNDANCY = SPHERE_POINTS - PARAMETERS
 
@@ -44,11 +44,7 @@ def printed_spheres(
     >>> printed_spheres(1, "ls")[0].round(4).tolist()
     [9.9998, 10.0, 0.9984, 14.1407]
     """
-    row = {
-        number.quantity: number.value
-        for number in printed_numbers(table)
-        if number.method == method
-    }
+    row = values(table, method)
     errors = np.array([row[f"abs_delta_{name}_m"] for name in "abcr"])
     if delta_r is not None:
         errors[3] = delta_r
@@ -89,11 +85,7 @@ def least_sigma_0(clouds: NDArray[np.float64], table: int) -> pd.DataFrame:
     good = good_points(clouds)
     rows = []
     for printed in METHODS.values():
-        sigma_0 = next(
-            n.value
-            for n in printed_numbers(table)
-            if (n.method, n.quantity) == (printed, "sigma_0")
-        )
+        sigma_0 = values(table, printed)["sigma_0"]
         spheres = printed_spheres(table, printed)
         weigh = printed == "igg3_wtls"
         rows.append(
@@ -172,9 +164,7 @@ def normal_equation(
     choice of signs: ``signs``; ``sum_good_m2``, Σ_good r, and ``ratio``, of the cloud whose ratio
     is the smallest (infinite if σ0 leaves nothing).
     """
-    sigma_0 = next(
-        n.value for n in printed_numbers(2) if (n.method, n.quantity) == ("ls", "sigma_0")
-    )
+    sigma_0 = values(2, "ls")["sigma_0"]
     totals, squares = sums(
         moments(good_points(clouds)), printed_spheres(2, "ls", wrong_sign, delta_r)
     )
@@ -233,11 +223,7 @@ def igg3_readings(clean: NDArray[np.float64], gross: NDArray[np.float64]) -> pd.
         for row, trials in zip(rows, study.values(), strict=True):
             row[f"used_{table}"] = points.shape[1] - trials["rejected"].mean()
             row[f"sigma_0_{table}"] = trials["sigma_0"].median()
-    printed = {
-        number.quantity: number.value
-        for number in printed_numbers(2)
-        if number.method == "igg3_wtls"
-    }
+    printed = values(2, "igg3_wtls")
     for row, trials in zip(rows, study.values(), strict=True):
         for name in "abc":
             row[f"{name}_ratio"] = printed[f"abs_delta_{name}_m"] / trials[

@@ -18,9 +18,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from ..printed.relation import printed, row
 from .checks import ERRORS, SIGNS, cap_moments
 from .clouds import GROSS_POINTS, SEED, SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
+from .printed_tables import printed, row
 from .rows import REDUNDANCY, good_points, radius_with_wrong_sign, sums
 
 TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])

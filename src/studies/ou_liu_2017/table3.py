@@ -29,9 +29,12 @@ from numpy.typing import NDArray
 from analysis.scanner import LEICA_C10, Scanner
 
 from ..montecarlo import EVERY_METHOD, sphere_study
-from ..printed import METHODS, OUTSIDE, compare, printed_numbers
+from ..printed.comparison import OUTSIDE, compare
 from ..simulation.scenes import Scan, redraw, scan_sphere_target
-from .table3_relations import RADIUS, SAMPLES, row, sigma_0_over_expected
+from .printed_tables import LABELS as METHOD_LABELS
+from .printed_tables import printed_numbers
+from .printed_tables import values as printed_values
+from .table3_relations import RADIUS, SAMPLES, sigma_0_over_expected
 
 RAW, CLEANED = "raw", "cleaned"
 HELD, WITH_COFACTORS = "robust, radius held", "robust, cofactors"
@@ -64,7 +67,6 @@ CAUSES = {
     ("igg3_wtls", "sigma_s_in_use_m"): "below the noise assumed, while σs of LS is far above it",
 }
 
-METHOD_LABELS = {name: label for label, name in METHODS.items()}
 SYMBOLS = dict(
     a_m="a",
     b_m="b",
@@ -166,7 +168,7 @@ def values(found: Study, sample: str, state: str, method: str) -> dict[str, NDAr
 
 def comparison(found: Study, state: str) -> pd.DataFrame:
     """Every printed number of table 3 beside the redraws, one row each; by the rule of
-    :func:`published.verdict`.
+    :func:`comparison.verdict`.
 
     The printed σs of IGG III-WTLS has two rows, one for either meaning. Columns: sample, method,
     quantity, unit, printed (as text), decimals, median, lower and upper limit of the central 95 %,
@@ -278,7 +280,10 @@ def measured(found: Study) -> pd.DataFrame:
             _ls_less_tls(sample),
             *(sigma_0_over_expected(sample, method) for method in ("ls", "igg3_wtls")),
         ]
-        printed += 2 * [row(sample, "ls")["sigma_s_m"] / row(sample, "igg3_wtls")["sigma_s_m"]]
+        printed += 2 * [
+            printed_values(3, "ls", sample)["sigma_s_m"]
+            / printed_values(3, "igg3_wtls", sample)["sigma_s_m"]
+        ]
         for (relation, column), number in zip(ours.items(), printed, strict=True):
             limits = dict(
                 zip(("lower", "median", "upper"), column.quantile((0.025, 0.5, 0.975)), strict=True)
@@ -459,7 +464,7 @@ def printed_settings() -> pd.DataFrame:
     """The printed row to be set beside :func:`cleanings` and :func:`readings`; σ0 as printed."""
     rows = []
     for sample in SAMPLES:
-        ls, igg = row(sample, "ls"), row(sample, "igg3_wtls")
+        ls, igg = (printed_values(3, method, sample) for method in ("ls", "igg3_wtls"))
         one = {"sphere": sample, "sigma_0": igg["sigma_0"]}
         one |= {
             "ls_radius_mm": 1e3 * (ls["r_m"] - RADIUS),
@@ -496,7 +501,7 @@ def _components(axes: NDArray[np.float64], difference: NDArray[np.float64]) -> d
 
 def _printed_sphere(sample: str, method: str) -> NDArray[np.float64]:
     """Printed (a, b, c, r) in m."""
-    return np.array([row(sample, method)[f"{name}_m"] for name in "abcr"])
+    return np.array([printed_values(3, method, sample)[f"{name}_m"] for name in "abcr"])
 
 
 def _ls_less_tls(sample: str) -> float:

@@ -17,32 +17,20 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from ..printed import METHODS, printed_numbers, relation
-from ..printed.relation import Paper, Relation, Row
+from ..printed.relation import Numbers, Relation
+from .printed_tables import LABELS, Row, printed, row, values
 
 RADIUS = 0.0725  # m, R
 SAMPLES = ("I", "II")
-LABELS = {name: label for label, name in METHODS.items()}
 # how data/published names them in its relative errors
 STATEMENT = {"ls": "LS", "tls": "TLS", "igg3_wtls": "IGG"}
 
 
-def row(sample: str, method: str) -> dict[str, float]:
-    """The printed numbers of one row by quantity.
-
-    >>> row("II", "tls")["b_m"]
-    3.7691
-    """
-    return {
-        n.quantity: n.value for n in printed_numbers(3) if (n.sample, n.method) == (sample, method)
-    }
+def _row(sample: str, method: str, paper: Numbers | None) -> Row:
+    return row(printed() if paper is None else paper, 3, method, sample)
 
 
-def _row(sample: str, method: str, paper: Paper | None) -> Row:
-    return relation.row(relation.printed() if paper is None else paper, 3, method, sample)
-
-
-def centres_within_reach(sample: str, paper: Paper | None = None) -> Relation:
+def centres_within_reach(sample: str, paper: Numbers | None = None) -> Relation:
     """Two spheres near the same points cannot have their centres far apart:
     ``|k₁ − k₂| ≤ r₁ + r₂ + σs₁ + σs₂``.
 
@@ -62,7 +50,7 @@ def centres_within_reach(sample: str, paper: Paper | None = None) -> Relation:
     return Relation(words, sample, "LS, TLS", apart, "≤", reach, "m", judged, digits)
 
 
-def sigma_0_from_sigma_s(sample: str, method: str, paper: Paper | None = None) -> Relation:
+def sigma_0_from_sigma_s(sample: str, method: str, paper: Numbers | None = None) -> Relation:
     """The algebraic σ0 of LS and TLS is larger than rσs: ``σ0 = √(Σr_alg²/(n − 4)) > r σs``.
 
     Proof: r_alg = d (|p − k| + r), so |r_alg| ≥ r |d| whatever the point, and n − 4 < n. (For
@@ -71,17 +59,15 @@ def sigma_0_from_sigma_s(sample: str, method: str, paper: Paper | None = None) -
     >>> [sigma_0_from_sigma_s(sample, "ls").holds for sample in SAMPLES]
     [False, True]
     """
-    printed = _row(sample, method, paper)
-    least = printed["r_m"] * printed["sigma_s_m"]
-    digits = least - printed.least("r_m") * printed.least("sigma_s_m") + printed.half("sigma_0")
-    judged = printed.judged("sigma_0", "r_m", "sigma_s_m")
+    one = _row(sample, method, paper)
+    least = one["r_m"] * one["sigma_s_m"]
+    digits = least - one.least("r_m") * one.least("sigma_s_m") + one.half("sigma_0")
+    judged = one.judged("sigma_0", "r_m", "sigma_s_m")
     words = "σ0 of the algebraic residual above rσs"
-    return Relation(
-        words, sample, LABELS[method], printed["sigma_0"], "≥", least, "m²", judged, digits
-    )
+    return Relation(words, sample, LABELS[method], one["sigma_0"], "≥", least, "m²", judged, digits)
 
 
-def sigma_0_over_expected(sample: str, method: str, paper: Paper | None = None) -> float:
+def sigma_0_over_expected(sample: str, method: str, paper: Numbers | None = None) -> float:
     """Printed σ0 over what σs of the same row leads one to expect; near 1 unless weights are at
     work.
 
@@ -93,14 +79,14 @@ def sigma_0_over_expected(sample: str, method: str, paper: Paper | None = None) 
     >>> [round(sigma_0_over_expected(sample, "ls"), 3) for sample in SAMPLES]
     [0.103, 1.037]
     """
-    printed = _row(sample, method, paper)
-    expected = 2 * printed["r_m"] * printed["sigma_s_m"]
+    one = _row(sample, method, paper)
+    expected = 2 * one["r_m"] * one["sigma_s_m"]
     if method == "igg3_wtls":
-        expected /= np.sqrt(2) * np.linalg.norm([printed[f"{name}_m"] for name in "abc"])
-    return float(printed["sigma_0"] / expected)
+        expected /= np.sqrt(2) * np.linalg.norm([one[f"{name}_m"] for name in "abc"])
+    return float(one["sigma_0"] / expected)
 
 
-def farthest_point_needed(sample: str, paper: Paper | None = None) -> Relation:
+def farthest_point_needed(sample: str, paper: Numbers | None = None) -> Relation:
     """σs of IGG III-WTLS far below that of LS over the same points needs a point far away:
     ``D ≥ r σs/σs' − 2r'``.
 
@@ -134,26 +120,28 @@ def points_needed(sample: str) -> int:
     (True, True)
     """
     return int(
-        np.ceil((farthest_point_needed(sample).value / row(sample, "igg3_wtls")["sigma_s_m"]) ** 2)
+        np.ceil(
+            (farthest_point_needed(sample).value / values(3, "igg3_wtls", sample)["sigma_s_m"]) ** 2
+        )
     )
 
 
-def radius_error(sample: str, method: str, paper: Paper | None = None) -> Relation:
+def radius_error(sample: str, method: str, paper: Numbers | None = None) -> Relation:
     """The column |Δr| is ``|r − R|``. Proof: its definition; both may have been rounded by
     themselves.
 
     >>> all(radius_error(sample, method).holds for sample in SAMPLES for method in LABELS)
     True
     """
-    printed = _row(sample, method, paper)
-    expected = round(abs(printed["r_m"] - RADIUS), 4)
-    digits = printed.half("r_m") + printed.half("abs_delta_r_m")
-    judged = printed.judged("r_m", "abs_delta_r_m")
+    one = _row(sample, method, paper)
+    expected = round(abs(one["r_m"] - RADIUS), 4)
+    digits = one.half("r_m") + one.half("abs_delta_r_m")
+    judged = one.judged("r_m", "abs_delta_r_m")
     return Relation(
         "|Δr| = |r − R|",
         sample,
         LABELS[method],
-        printed["abs_delta_r_m"],
+        one["abs_delta_r_m"],
         "=",
         expected,
         "m",
@@ -162,20 +150,20 @@ def radius_error(sample: str, method: str, paper: Paper | None = None) -> Relati
     )
 
 
-def relative_radius_error(sample: str, method: str, paper: Paper | None = None) -> Relation:
+def relative_radius_error(sample: str, method: str, paper: Numbers | None = None) -> Relation:
     """The percentages of the text are ``100 |Δr|/R``. Proof: their definition, with |Δr| rounded as
     in the table or not.
 
     >>> all(relative_radius_error(sample, method).holds for sample in SAMPLES for method in LABELS)
     True
     """
-    statement = (relation.printed() if paper is None else paper)[
+    statement = (printed() if paper is None else paper)[
         f"ou_liu_2017/rel_radius_{sample}_{STATEMENT[method]}"
     ]
-    printed = _row(sample, method, paper)
-    expected = round(100 * printed["abs_delta_r_m"] / RADIUS, 2)
-    digits = 100 * printed.half("abs_delta_r_m") / RADIUS + 2 * statement.half_unit
-    judged = (statement.id, *printed.judged("abs_delta_r_m"))
+    one = _row(sample, method, paper)
+    expected = round(100 * one["abs_delta_r_m"] / RADIUS, 2)
+    digits = 100 * one.half("abs_delta_r_m") / RADIUS + 2 * statement.half_unit
+    judged = (statement.id, *one.judged("abs_delta_r_m"))
     words = "relative error of the radius in the text"
     return Relation(
         words, sample, LABELS[method], statement.value, "=", expected, "%", judged, digits

@@ -18,13 +18,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..montecarlo import printed_quantities, sphere_study
-from ..printed import METHODS, SYMBOLS
-from ..printed.relation import Paper, printed, row
+from ..printed.relation import Numbers
 from ..simulation.scenes import redraw
 from . import table3
 from .checks import CHECKS
 from .clouds import SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
 from .gross_errors import redraws_of_any_size
+from .printed_tables import METHODS, SYMBOLS, printed, row
 from .rows import radius_with_wrong_sign
 from .table3_relations import RADIUS, SAMPLES, STATEMENT
 
@@ -32,7 +32,7 @@ TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
 PAPERS_METHODS = {name: {"method": name} for name in METHODS.values()}
 
 
-def right_papers(trials: int, seed: int) -> list[Paper]:
+def right_papers(trials: int, seed: int) -> list[Numbers]:
     """As many papers in which nothing is wrong: the printed ones with every number of tables 1 to 3
     and every percentage simulated.
 
@@ -72,7 +72,7 @@ def right_papers(trials: int, seed: int) -> list[Paper]:
     return [_written(values, trial) for trial in range(trials)]
 
 
-def _written(values: dict[str, NDArray[np.float64]], trial: int) -> Paper:
+def _written(values: dict[str, NDArray[np.float64]], trial: int) -> Numbers:
     """One paper with the digits that print keeps."""
     paper = dict(printed())
     for name, column in values.items():
@@ -94,7 +94,7 @@ def rewritten(number, value: float):
     return replace(number, text=f"{value:.{decimals}f}")
 
 
-def false_alarms(papers: Iterable[Paper]) -> pd.DataFrame:
+def false_alarms(papers: Iterable[Numbers]) -> pd.DataFrame:
     """How often each check, and any, is violated by right papers: ``check``, ``papers``,
     ``false alarms``, ``percent``.
     """
@@ -112,7 +112,7 @@ def false_alarms(papers: Iterable[Paper]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _holds(check: str, paper: Paper) -> bool:
+def _holds(check: str, paper: Numbers) -> bool:
     return all(relation.holds for relation in CHECKS[check].function(paper))
 
 
@@ -126,11 +126,11 @@ class Slip:
     """
 
     name: str
-    plant: Callable[[Paper, np.random.Generator], Paper]
+    plant: Callable[[Numbers, np.random.Generator], Numbers]
     check: str | None = None
 
 
-def with_digit(paper: Paper, name: str, place: int, generator: np.random.Generator) -> Paper:
+def with_digit(paper: Numbers, name: str, place: int, generator: np.random.Generator) -> Numbers:
     """The paper with one digit of one number replaced by another one; place 0 is the first that is
     not zero.
     """
@@ -143,7 +143,7 @@ def with_digit(paper: Paper, name: str, place: int, generator: np.random.Generat
     return {**paper, name: replace(paper[name], text=changed)}
 
 
-def with_exponent(paper: Paper, name: str, generator: np.random.Generator) -> Paper:
+def with_exponent(paper: Numbers, name: str, generator: np.random.Generator) -> Numbers:
     """The paper with one number ten times too large or too small."""
     return {
         **paper,
@@ -153,7 +153,7 @@ def with_exponent(paper: Paper, name: str, generator: np.random.Generator) -> Pa
     }
 
 
-def with_rows_exchanged(paper: Paper, first: str, second: str) -> Paper:
+def with_rows_exchanged(paper: Numbers, first: str, second: str) -> Numbers:
     """The paper with two rows exchanged, named by what their ids begin with."""
     changed = dict(paper)
     for name in paper:
@@ -166,13 +166,13 @@ def with_rows_exchanged(paper: Paper, first: str, second: str) -> Paper:
     return changed
 
 
-def with_points_in_use(paper: Paper, table: int) -> Paper:
+def with_points_in_use(paper: Numbers, table: int) -> Numbers:
     """The paper with σs of IGG III-WTLS over the points in use, called that of all."""
     name = f"ou_liu_2017/table{table}/igg3_wtls/sigma_s_m"
     return {**paper, name: paper[f"in use/{name}"]}
 
 
-def with_wrong_sign(paper: Paper, generator: np.random.Generator) -> Paper:
+def with_wrong_sign(paper: Numbers, generator: np.random.Generator) -> Numbers:
     """The paper with Δr of table 2 from δ with the wrong sign; the unprinted signs are drawn."""
     changed = dict(paper)
     for method in METHODS.values():
@@ -187,7 +187,7 @@ def with_wrong_sign(paper: Paper, generator: np.random.Generator) -> Paper:
     return changed
 
 
-def with_ten_times_the_error(paper: Paper, generator: np.random.Generator) -> Paper:
+def with_ten_times_the_error(paper: Numbers, generator: np.random.Generator) -> Numbers:
     """The paper with Δc or Δr of LS in table 1 ten times too large; one of them, and not below a
     millimetre before.
     """
@@ -195,13 +195,13 @@ def with_ten_times_the_error(paper: Paper, generator: np.random.Generator) -> Pa
     return {**paper, name: rewritten(paper[name], 10 * max(paper[name].value, 0.001))}
 
 
-def _any_of(*names: str, place: int) -> Callable[[Paper, np.random.Generator], Paper]:
+def _any_of(*names: str, place: int) -> Callable[[Numbers, np.random.Generator], Numbers]:
     return lambda paper, generator: with_digit(
         paper, names[int(generator.integers(len(names)))], place, generator
     )
 
 
-def _exponent_of(*names: str) -> Callable[[Paper, np.random.Generator], Paper]:
+def _exponent_of(*names: str) -> Callable[[Numbers, np.random.Generator], Numbers]:
     return lambda paper, generator: with_exponent(
         paper, names[int(generator.integers(len(names)))], generator
     )
@@ -219,7 +219,7 @@ def _numbers(table: int, methods: Iterable[str], quantities: Iterable[str]) -> l
 
 def _exchanged(
     table: int, first: str, second: str
-) -> Callable[[Paper, np.random.Generator], Paper]:
+) -> Callable[[Numbers, np.random.Generator], Numbers]:
     return lambda paper, generator: with_rows_exchanged(
         paper, f"ou_liu_2017/table{table}/{first}/", f"ou_liu_2017/table{table}/{second}/"
     )
@@ -309,7 +309,7 @@ SLIPS = (
 )
 
 
-def detection_rates(papers: list[Paper], seed: int) -> pd.DataFrame:
+def detection_rates(papers: list[Numbers], seed: int) -> pd.DataFrame:
     """Each slip planted once in every paper: the share in percent that the check which claims it
     finds, and that any check finds.
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..printed import PrintedNumber, statements
 from ..printed.judgement import (
     IMPOSSIBLE,
     NOT_CHECKABLE,
@@ -19,16 +18,16 @@ from ..printed.judgement import (
     refuted_if,
     setting,
 )
-from ..printed.relation import printed, row
+from ..printed.numbers import PrintedNumber, statements
 from . import table3
 from .causes import CAUSES
+from .checks import violated
 from .clouds import SPHERE_RADIUS
-
-PAPER = "ou_liu_2017/"
+from .printed_tables import PAPER, all_numbers, printed, row
 
 # The numbers that a violated check is laid to, where it judges several: those that the redraws do
 # not give either, or that others outvote, or that alone could mend it. Why is said by
-# `published.CAUSES` and `table3.CAUSES`.
+# `causes.CAUSES` and `table3.CAUSES`.
 TO_BLAME = {
     "table2/ls/abs_delta_r_m": "gross residuals",
     "table2/tls/abs_delta_a_m": "least σ0",
@@ -55,10 +54,10 @@ def of_tables(number: PrintedNumber, results: Results) -> Judgement:
         if number.table == 3
         else _of_simulation(number, results, why)
     )
-    check = TO_BLAME.get(number.id.removeprefix(PAPER))
+    check = TO_BLAME.get(number.id.removeprefix(f"{PAPER}/"))
     factors = [
         relation.factor
-        for name, relation in results.violated
+        for name, relation in violated()
         if name == check and number.id in relation.numbers
     ]
     if factors:
@@ -112,12 +111,10 @@ def _of_scans(number: PrintedNumber, results: Results, why: str) -> Judgement:
 
 def of_percentage(number, results: Results) -> Judgement:
     """A percentage of section 2.2, against table 3."""
-    violated = [
-        relation.factor for _, relation in results.violated if number.id in relation.numbers
-    ]
-    if violated:
+    factors = [relation.factor for _, relation in violated() if number.id in relation.numbers]
+    if factors:
         return Judgement(
-            IMPOSSIBLE, "does not follow from table 3", check="percentages", factor=max(violated)
+            IMPOSSIBLE, "does not follow from table 3", check="percentages", factor=max(factors)
         )
     return Judgement(REPRODUCED, "100 |Δr|/R of table 3", check="percentages")
 
@@ -144,7 +141,7 @@ def _igg_scatters_more(results: Results) -> bool:
 def _b_differs(results: Results) -> bool:
     """b of sphere II differs between LS and TLS by what the text says."""
     ls, tls = (row(printed(), 3, method, "II")["b_m"] for method in ("ls", "tls"))
-    return abs(abs(tls - ls) - printed()[PAPER + "b_difference_II"].value) < 1e-9
+    return abs(abs(tls - ls) - printed()[f"{PAPER}/b_difference_II"].value) < 1e-9
 
 
 def _many_rounds(results: Results) -> bool:
@@ -189,7 +186,7 @@ def _sigma_0_is_an_area(results: Results) -> bool:
 
 
 def _not_the_same_points(results: Results) -> bool:
-    return any(name == "σs over all points" for name, _ in results.violated)
+    return any(name == "σs over all points" for name, _ in violated())
 
 
 def _some_are_unseen(results: Results) -> bool:
@@ -293,8 +290,7 @@ _TEXT |= {
 
 def evaluators() -> dict[str, Evaluator]:
     """id -> evaluator of every number and claim of the paper."""
-    found = {
-        name: of_tables for name, number in printed().items() if isinstance(number, PrintedNumber)
-    }
-    found |= {name: of_percentage for name in statements() if name.startswith(PAPER + "rel_radius")}
-    return found | {PAPER + key: evaluator for key, evaluator in _TEXT.items()}
+    found: dict[str, Evaluator] = dict.fromkeys(all_numbers(), of_tables)
+    percentages = (name for name in statements(PAPER) if name.startswith(f"{PAPER}/rel_radius"))
+    found |= dict.fromkeys(percentages, of_percentage)
+    return found | {f"{PAPER}/{key}": evaluator for key, evaluator in _TEXT.items()}

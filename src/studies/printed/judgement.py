@@ -1,26 +1,21 @@
-"""A verdict with its reason, and the ways to reach one: from redraws, from a check that fails, from
-results that notebooks wrote.
+"""A verdict with its reason, and the ways to reach one: from redraws, from what notebooks wrote.
 
-A printed number's evaluator is a function of the results (`Results`) that returns a `Judgement`.
-The evaluators of the three papers are in `sphere_numbers`, `plane_numbers` and `tunnel_numbers`;
-`verdicts` puts them together.
+An evaluator is a function of a printed number and the results (`Results`) that returns a
+`Judgement`. Each paper has those of its numbers in its `verdicts.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import pandas as pd
 
 from analysis.export import tables
 
-from .. import printed as published
-from ..ou_liu_2017.checks import judge
 from ..paths import RESULTS, existing
-from . import PrintedNumber, Statement
-from .relation import Relation, printed
+from . import comparison
+from .numbers import PrintedNumber, Statement
 
 REPRODUCED = "reproduced"
 CONSISTENT = "consistent with redraws"
@@ -58,16 +53,14 @@ class Judgement:
 
 
 class Results:
-    """The tables the notebooks wrote, each read once, and the checks on the printed numbers.
+    """The tables that the notebooks wrote, each read once.
 
     >>> Results()["01_simulated_sphere_rounding"].columns[0]
     'step_m'
     """
 
     def __init__(self, given: Mapping[str, pd.DataFrame] | None = None):
-        """``given`` : tables by stem that are not to be read, because this run has just computed
-        them.
-        """
+        """``given`` : tables by stem that are not read: this run has just computed them."""
         self._read = dict(given or {})
 
     def __getitem__(self, stem: str) -> pd.DataFrame:
@@ -89,27 +82,17 @@ class Results:
             raise KeyError(f"{stem}: expected one row with {where}, got {len(frame)}")
         return frame[column].item()
 
-    @cached_property
-    def violated(self) -> list[tuple[str, Relation]]:
-        """The relations that fail on print, each with the name of its check."""
-        return [
-            (name, relation)
-            for name, relations in judge(printed()).items()
-            for relation in relations
-            if not relation.holds
-        ]
-
 
 Evaluator = Callable[[PrintedNumber | Statement, Results], Judgement]
 
 
 def always(verdict: str, why: str, notebook: str) -> Evaluator:
-    """The same judgement whatever the results: for what cannot be checked."""
+    """One judgement, whatever the results: for what cannot be checked."""
     return lambda number, results: Judgement(verdict, why, notebook)
 
 
 def setting(notebook: str, why: str = "a setting of the authors', taken over") -> Evaluator:
-    """What cannot be checked because it says how the experiment was made."""
+    """Not checkable, because it says how the experiment was made."""
     return lambda number, results: Judgement(NOT_CHECKABLE, why, notebook, setting=True)
 
 
@@ -137,7 +120,7 @@ def within(
     """A number beside an interval that a notebook wrote: ``median``, ``lower``, ``upper`` of the
     row given by ``where``.
 
-    The rule is that of `published.verdict`; outside the interval the cause is ``why_outside``.
+    The rule is that of `comparison.verdict`; outside the interval the cause is ``why_outside``.
     ``note`` : what the reason must add.
     """
 
@@ -157,7 +140,8 @@ def from_interval(
     """Reproduced if the median rounds to the number; consistent if what rounds to it overlaps the
     interval; else it differs for a cause.
 
-    >>> number = printed()["wu_chen_wang/sim_sigma_s_LS"]
+    >>> from studies.printed.numbers import statements
+    >>> number = statements("wu_chen_wang")["wu_chen_wang/sim_sigma_s_LS"]
     >>> from_interval(number, 5.89, 5.5, 6.3, "", "06_plane").verdict
     'reproduced'
     """
@@ -170,11 +154,11 @@ def from_interval(
 
 
 def from_comparison(line, why_outside: str, notebook: str) -> Judgement:
-    """A judgement from a row of `published.comparison_table`."""
+    """A judgement from a row of `ou_liu_2017.comparison.comparison_table`."""
     words = {
-        published.REPRODUCED: REPRODUCED,
-        published.INSIDE: CONSISTENT,
-        published.OUTSIDE: CAUSE,
+        comparison.REPRODUCED: REPRODUCED,
+        comparison.INSIDE: CONSISTENT,
+        comparison.OUTSIDE: CAUSE,
     }
     verdict = words[line.verdict]
     numbers = {name: getattr(line, name) for name in ("median", "lower", "upper", "percentile")}

@@ -1,9 +1,11 @@
-"""The printed numbers and statements, read from ``data/published`` as text: a trailing zero says
-how exactly a number is known.
+"""Printed numbers and statements, read from ``data/published`` as text.
+
+A trailing zero says how exactly a number is known, so it must not be lost.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
@@ -11,21 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.methods import SPHERE_METHODS
-
-from ..paths import PUBLISHED, existing
-
-PAPERS = ("ou_liu_2017", "wu_chen_wang", "li_2015")
-METHODS = {"LS": "ls", "TLS": "tls", "IGG III-WTLS": "igg3_wtls"}  # as printed -> our name
-TITLES = {1: "500 points without gross errors", 2: "the same with five gross errors"}
-SYMBOLS = {
-    "abs_delta_a_m": "|Δa|",
-    "abs_delta_b_m": "|Δb|",
-    "abs_delta_c_m": "|Δc|",
-    "abs_delta_r_m": "|Δr|",
-    "sigma_0": "σ0",
-    "sigma_s_m": "σs",
-}
+from .. import paths
 
 
 @dataclass(frozen=True)
@@ -54,7 +42,7 @@ class PrintedNumber:
 
     @property
     def id(self) -> str:
-        """The name of the number in `registry`."""
+        """The name of the number in `papers.registry`."""
         return "/".join(
             part
             for part in (self.paper, f"table{self.table}", self.sample, self.method, self.quantity)
@@ -81,48 +69,48 @@ class PrintedNumber:
         return np.round(np.asarray(values, dtype=float), self.decimals) == self.value
 
 
-def printed_numbers(table: int) -> tuple[PrintedNumber, ...]:
-    """Return the numbers of table 1, 2 or 3 of Ou & Liu (2017), row by row.
+def read_table(
+    paper: str,
+    table: int,
+    methods: Mapping[str, str],
+    describe: Callable[[str, str], tuple[str, str]],
+    alike: str = "",
+) -> tuple[PrintedNumber, ...]:
+    """Read ``<paper>_table<table>.csv``, row by row.
 
-    The heads of tables 1 to 3 give σ0 in m. For LS and TLS it is the root mean square of the
-    algebraic residual |p - k|² - R², an area: with R = √200 m and the printed σs of table 1,
-    2 R σs = 0.0798 m² beside the printed 0.08004. So its unit is m² here. For IGG III-WTLS, eq.
-    (18) with weights 1/m² leaves m.
-
-    Raises
-    ------
-    ValueError : `table` is not 1, 2 or 3.
+    Parameters
+    ----------
+    paper, table : they name the file; the columns ``method`` and, where there is one, ``sample``
+        name a row, every other column is described by ``describe``.
+    methods : method as printed -> our name.
+    describe : (column, method by our name) -> quantity and unit of the number.
+    alike : beginning of the names of the columns that are printed to the same number of decimals;
+        a bare ``0`` in the table is known to as many.
 
     Example
     -------
-    >>> number = printed_numbers(1)[4]
-    >>> number.method, number.quantity, number.text, number.unit
-    ('ls', 'sigma_0', '0.08004', 'm²')
+    >>> names = {"LS": "ls", "TLS": "tls", "IGG III-WTLS": "igg3_wtls"}
+    >>> first, *_ = read_table("ou_liu_2017", 1, names, lambda column, method: (column, "m"))
+    >>> first.method, first.quantity, first.text
+    ('ls', 'abs_delta_a_m', '0.0002')
     """
-    if table not in (1, 2, 3):
-        raise ValueError(f"expected table 1, 2 or 3, got {table!r}")
-    # As text: a trailing zero says how exactly a number is known.
-    frame = pd.read_csv(
-        existing(PUBLISHED / f"ou_liu_2017_table{table}.csv"), dtype=str, encoding="utf-8"
-    )
+    frame = _read_text(f"{paper}_table{table}.csv")
     columns = [column for column in frame if column not in ("sample", "method")]
-    # The only bare zeros are errors of parameters, all printed to the same number of decimals.
-    of_zero = max(_decimals(t) for c in columns if c.startswith("abs_delta") for t in frame[c])
+    of_zero = max(_decimals(t) for c in columns if c.startswith(alike) for t in frame[c])
     return tuple(
         PrintedNumber(
-            paper="ou_liu_2017",
+            paper=paper,
             table=table,
             sample=row.get("sample", ""),
-            method=METHODS[row["method"]],
-            quantity="sigma_0" if column == "sigma_0_m" else column,
+            method=methods[row["method"]],
+            quantity=quantity,
             text=row[column],
             decimals=of_zero if row[column] == "0" else _decimals(row[column]),
-            unit=SPHERE_METHODS[METHODS[row["method"]]].sigma_0_unit
-            if column == "sigma_0_m"
-            else "m",
+            unit=unit,
         )
         for row in frame.to_dict("records")
         for column in columns
+        for quantity, unit in [describe(column, methods[row["method"]])]
     )
 
 
@@ -133,7 +121,7 @@ class Statement:
     `text` is what is printed, digits kept; ``claim`` where the statement is in words, which
     `quantity` then holds.
 
-    >>> statement = statements()["li_2015/registration"]
+    >>> statement = statements("li_2015")["li_2015/registration"]
     >>> statement.where, statement.text, statement.unit
     ('section 4.1', 'within 2', 'mm')
     """
@@ -148,7 +136,7 @@ class Statement:
 
     @property
     def id(self) -> str:
-        """The name of the statement in `registry`."""
+        """The name of the statement in `papers.registry`."""
         return f"{self.paper}/{self.key}"
 
     @property
@@ -162,51 +150,55 @@ class Statement:
         return 0.5 * 10.0 ** -_decimals(self.text)
 
 
-def statements() -> dict[str, Statement]:
-    """id -> what the texts of the three papers state outside their tables, in the order of the
-    files.
+def statements(paper: str) -> dict[str, Statement]:
+    """id -> what the text of a paper states outside its tables: ``<paper>_statements.csv``.
 
-    >>> statements()["wu_chen_wang/sim_sigma_s_LS"].text
+    Raises
+    ------
+    ValueError : two statements have one id.
+
+    Example
+    -------
+    >>> statements("wu_chen_wang")["wu_chen_wang/sim_sigma_s_LS"].text
     '5.9'
     """
-    frames = []
-    for paper in PAPERS:
-        frame = pd.read_csv(
-            existing(PUBLISHED / f"{paper}_statements.csv"),
-            dtype=str,
-            keep_default_na=False,
-            encoding="utf-8",
-        )
-        frames.append(frame.assign(paper=paper))
-    further = pd.read_csv(
-        existing(PUBLISHED / "further_statements.csv"),
-        dtype=str,
-        keep_default_na=False,
-        encoding="utf-8",
-    )
-    found = {}
-    for row in (
-        pd.concat([*frames, further])
-        .rename(columns={"id": "key", "value": "text"})
-        .to_dict("records")
-    ):
-        statement = Statement(**row)
-        if statement.id in found:
-            raise ValueError(f"statements: expected one of each id, got {statement.id} twice")
-        found[statement.id] = statement
+    return _by_id(_read_text(f"{paper}_statements.csv").assign(paper=paper))
+
+
+def further_statements(paper: str) -> dict[str, Statement]:
+    """id -> statements of a paper that were found later: its lines of ``further_statements.csv``.
+
+    >>> len(further_statements("li_2015"))
+    9
+    """
+    frame = _read_text("further_statements.csv")
+    return _by_id(frame[frame["paper"] == paper])
+
+
+def _by_id(frame: pd.DataFrame) -> dict[str, Statement]:
+    rows = frame.rename(columns={"id": "key", "value": "text"}).to_dict("records")
+    return join([{statement.id: statement} for statement in (Statement(**row) for row in rows)])
+
+
+def join(parts: Iterable[Mapping]) -> dict:
+    """All parts in one, in their order.
+
+    Raises
+    ------
+    ValueError : an id is in more than one of them.
+    """
+    found: dict = {}
+    for part in parts:
+        if twice := found.keys() & part.keys():
+            raise ValueError(f"statements: expected one of each id, got {min(twice)} twice")
+        found |= part
     return found
 
 
-def registry() -> dict[str, PrintedNumber | Statement]:
-    """id -> every number and claim of the three papers, each once.
-
-    >>> number = registry()["ou_liu_2017/table3/I/ls/sigma_0"]
-    >>> number.text, number.decimals
-    ('7.7080e-5', 9)
-    """
-    return {
-        number.id: number for table in (1, 2, 3) for number in printed_numbers(table)
-    } | statements()
+def _read_text(name: str) -> pd.DataFrame:
+    return pd.read_csv(
+        paths.existing(paths.PUBLISHED / name), dtype=str, keep_default_na=False, encoding="utf-8"
+    )
 
 
 def _decimals(text: str) -> int:

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 
-from . import PrintedNumber, Statement, registry
+from .numbers import PrintedNumber, Statement
 
-# id -> number, as `published.registry`; the same with other digits for simulated tables.
-Paper = Mapping[str, PrintedNumber | Statement]
+# id -> number, as printed; with other digits for simulated tables.
+Numbers = Mapping[str, PrintedNumber | Statement]
 
 
 @dataclass(frozen=True)
@@ -54,56 +53,3 @@ class Relation:
         if above - self.tolerance <= below:
             return 1.0 if above > below else above / below if below > 0 else 0.0
         return (above - self.tolerance) / below if below > 0 else float("inf")
-
-
-@dataclass(frozen=True)
-class Row:
-    """The printed numbers of one row by quantity; `least` and `most` are what its digits allow."""
-
-    ids: Mapping[str, str]
-    numbers: Mapping[str, PrintedNumber]
-
-    def __getitem__(self, quantity: str) -> float:
-        return self.numbers[quantity].value
-
-    def half(self, quantity: str) -> float:
-        """Half a unit of the last printed digit."""
-        return self.numbers[quantity].half_unit
-
-    def least(self, quantity: str) -> float:
-        """The least number that rounds to the printed one."""
-        return self[quantity] - self.half(quantity)
-
-    def most(self, quantity: str) -> float:
-        """The largest number that rounds to the printed one."""
-        return self[quantity] + self.half(quantity)
-
-    def judged(self, *quantities: str) -> tuple[str, ...]:
-        """The ids of some of its numbers."""
-        return tuple(self.ids[quantity] for quantity in quantities)
-
-
-QUANTITIES = {
-    1: ("abs_delta_a_m", "abs_delta_b_m", "abs_delta_c_m", "abs_delta_r_m", "sigma_0", "sigma_s_m"),
-    3: ("a_m", "b_m", "c_m", "r_m", "abs_delta_r_m", "sigma_0", "sigma_s_m"),
-}
-
-
-def row(paper: Paper, table: int, method: str, sample: str = "") -> Row:
-    """One row of a table.
-
-    >>> row(printed(), 3, "ls", "II")["r_m"]
-    0.0736
-    """
-    place = f"table{table}/{sample}/{method}" if sample else f"table{table}/{method}"
-    ids = {
-        quantity: f"ou_liu_2017/{place}/{quantity}"
-        for quantity in QUANTITIES[3 if table == 3 else 1]
-    }
-    return Row(ids, {quantity: paper[name] for quantity, name in ids.items()})
-
-
-@cache
-def printed() -> Paper:
-    """The papers as printed."""
-    return registry()

@@ -21,7 +21,7 @@ from analysis.methods import fit_plane
 from analysis.result import ignore_convergence_warnings
 from analysis.surfaces.plane import PlaneFit
 
-from ..printed import statements
+from ..printed.numbers import statements
 from .clouds import PLANE_RUNS
 
 
@@ -76,7 +76,7 @@ def printed(names: Mapping[str, tuple] = FIVE) -> pd.DataFrame:
      gain_vs_ls_percent 83.0 0.50
     gain_vs_tls_percent 54.0 0.50
     """
-    known = statements()
+    known = statements("wu_chen_wang")
     found = [
         (quantity, label, known[f"wu_chen_wang/{key}"])
         for quantity, (key, label, *_) in names.items()

@@ -17,7 +17,7 @@ from ..printed.judgement import (
     within,
 )
 
-PAPER = "wu_chen_wang/"
+PAPER = "wu_chen_wang"
 SIMULATION, REAL = "07_plane_simulation", "08_plane_scan"
 PRINTED = {  # id -> how notebook 07 names it
     "sim_sigma_s_LS": "sigma_s_ls_cm",
@@ -130,4 +130,4 @@ _TEXT: dict[str, Evaluator] = {
 
 def evaluators() -> dict[str, Evaluator]:
     """id -> evaluator of every number and claim of the paper."""
-    return {PAPER + key: evaluator for key, evaluator in _TEXT.items()}
+    return {f"{PAPER}/{key}": evaluator for key, evaluator in _TEXT.items()}

@@ -6,11 +6,12 @@ from matplotlib import pyplot
 from scipy.special import ndtri
 
 from analysis import SPHERE_METHODS, fit_sphere
-from studies import printed
 from studies.figures import sphere_tables as figures
 from studies.montecarlo import printed_quantities, sphere_study
 from studies.ou_liu_2017 import clouds as simulate
 from studies.ou_liu_2017.clouds import GROSS_POINTS, SPHERE_CENTER, SPHERE_RADIUS
+from studies.ou_liu_2017.comparison import comparison_table
+from studies.printed.comparison import OUTSIDE
 
 from . import exported
 
@@ -80,9 +81,7 @@ def test_positions(studies):
             {name: study[method.label] for name, method in SPHERE_METHODS.items()}
         )
         comparisons.append(
-            printed.comparison_table(
-                table, {key: values[0] for key, values in redraws.items()}, redraws
-            )
+            comparison_table(table, {key: values[0] for key, values in redraws.items()}, redraws)
         )
     figures.positions(comparisons)
     data = exported("03_sphere_tables_positions")
@@ -93,7 +92,7 @@ def test_positions(studies):
         drawn = np.array([line.get_xdata()[0] for line in points])
         np.testing.assert_allclose(drawn[inner], ndtri(frame["percentile"] / 100)[inner])
         hollow = [line.get_markerfacecolor() == "white" for line in points]
-        assert hollow == (frame["verdict"] == printed.OUTSIDE).tolist()
+        assert hollow == (frame["verdict"] == OUTSIDE).tolist()
 
 
 def test_maps(clouds):

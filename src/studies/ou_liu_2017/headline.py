@@ -8,8 +8,8 @@ import pandas as pd
 
 from analysis.export import tables
 
-from .comparison import VERDICTS
-from .numbers import METHODS, SYMBOLS, TITLES
+from ..printed.comparison import counted
+from .printed_tables import LABELS, SYMBOLS, TITLES
 
 
 def text(comparison_tables: Iterable[pd.DataFrame]) -> str:
@@ -21,7 +21,8 @@ def text(comparison_tables: Iterable[pd.DataFrame]) -> str:
 
     Example
     -------
-    >>> from studies.printed import comparison_table, printed_numbers
+    >>> from studies.ou_liu_2017.comparison import comparison_table
+    >>> from studies.ou_liu_2017.printed_tables import printed_numbers
     >>> keys = [(number.method, number.quantity) for number in printed_numbers(1)]
     >>> frame = comparison_table(1, dict.fromkeys(keys, 0.0), dict.fromkeys(keys, [0.0, 0.001]))
     >>> print(text([frame]).splitlines()[0])
@@ -47,7 +48,8 @@ def markdown(comparison_tables: Iterable[pd.DataFrame]) -> str:
 
     Example
     -------
-    >>> from studies.printed import comparison_table, printed_numbers
+    >>> from studies.ou_liu_2017.comparison import comparison_table
+    >>> from studies.ou_liu_2017.printed_tables import printed_numbers
     >>> keys = [(number.method, number.quantity) for number in printed_numbers(1)]
     >>> frame = comparison_table(1, dict.fromkeys(keys, 0.0), dict.fromkeys(keys, [0.0, 0.001]))
     >>> print(markdown([frame]).splitlines()[0])
@@ -61,20 +63,14 @@ def markdown(comparison_tables: Iterable[pd.DataFrame]) -> str:
     return "\n\n".join([*blocks, _counts(comparison_tables)])
 
 
-def counted(frame: pd.DataFrame, words: Iterable[str] = VERDICTS) -> str:
-    """Return how many numbers of a comparison have which verdict, in words."""
-    return ", ".join(f"{(frame['verdict'] == word).sum()} {word}" for word in words)
-
-
 def _headline_frame(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a comparison as it is shown: each value at the decimals of its printed number."""
     shown = {"printed": "printed", "ours": "ours", "median": "median"}
     shown |= {"lower": "2.5 %", "upper": "97.5 %"}
-    labels = {name: label for label, name in METHODS.items()}
     first = ~frame["method"].duplicated()
     result = pd.DataFrame(
         {
-            "method": frame["method"].map(labels).where(first, ""),
+            "method": frame["method"].map(LABELS).where(first, ""),
             "": frame["quantity"].map(SYMBOLS),
             "unit": frame["unit"],
         }
