@@ -1,7 +1,7 @@
 """The named algorithms for weighted total least squares. Tables and figures iterate over them.
 
 A new algorithm is one function and one line here: a step ``(problem, x) → x⁺`` in ``steps.py``,
-or anything that is called like :func:`~analysis.adjustment.iteration.iterate_to_convergence`.
+or anything that is called like :func:`~analysis.adjustment.steps.iterate_to_convergence`.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from .iteration import iterate_to_convergence
 from .quasi_newton import bfgs, dfp, minimise
 from .steps import (
     amiri_simkooei_step,
     fang_step,
+    iterate_to_convergence,
     mahboub_step,
     newton_step,
     schaffrin_wieser_step,

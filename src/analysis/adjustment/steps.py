@@ -1,4 +1,4 @@
-"""One step of each iteration for weighted total least squares, ``min Φ(x) = rᵀS(x)⁻¹r``.
+"""Steps of the iterations for weighted total least squares, ``min Φ(x) = rᵀS(x)⁻¹r``.
 
 With the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ of A and the adjusted rows ``Ã = A − Ẽ``
 the gradient is ``½∇Φ = −Ãᵀλ``, and every iteration known for the problem moves by
@@ -23,6 +23,7 @@ The sources print most of them as ``x⁺ = N⁻¹(…)``. The increment is the s
 rounding.
 
 A step takes a problem or a stack of them and x (…, m), and returns x⁺; where N is singular, NaN.
+:func:`iterate_to_convergence` repeats it.
 
 A line with errors in the second column of A and in y:
 
@@ -39,11 +40,17 @@ True
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
+from .iteration import ROUNDING, Convergence, Ending, Stack, iterate
 from .linalg import solve
 from .problem import EIVProblem
 
+# relative Newton step above which Φ is not at its minimum, however small the steps have become
+FLAT = 0.01
 HALVINGS = 20  # of a Gauss-Newton step that climbs; it leads downhill, so that a few are enough
 
 
@@ -185,6 +192,65 @@ def mahboub_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     adjusted = columns - errors
     N = adjusted @ problem.cofactors.weigh(s, columns).swapaxes(-1, -2)
     return x + solve(N, _times(adjusted, multipliers)[..., None])[..., 0]
+
+
+@dataclass(frozen=True)
+class _Step(Stack):
+    """x (B, m) and the length (B,) of the step that led there."""
+
+    x: np.ndarray
+    length: np.ndarray
+
+
+def iterate_to_convergence(
+    problem: EIVProblem,
+    x: np.ndarray,
+    step: Callable[[EIVProblem, np.ndarray], np.ndarray],
+    tolerance: float,
+    max_iterations: int,
+    watch: Callable[[np.ndarray], None] | None = None,
+) -> tuple[np.ndarray, Convergence]:
+    """Repeat ``x ← step(problem, x)`` for a stack x (B, m) until ``|Δx| ≤ tolerance·|x|``.
+
+    A step that is down at rounding level and no longer shrinks ends it as converged, too.
+    ``watch`` is called with every x.
+    """
+
+    def advance(problem: EIVProblem, state: _Step):
+        new = step(problem, state.x)
+        if watch is not None:
+            watch(new)
+        length, size = np.linalg.norm(new - state.x, axis=-1), np.linalg.norm(new, axis=-1)
+        lost = ~np.isfinite(length)
+        return _Step(np.where(lost[:, None], state.x, new), length), {
+            Ending.SINGULAR: lost,
+            Ending.SMALL_STEP: length <= tolerance * size,
+            Ending.ROUNDING: (length >= state.length) & (length <= ROUNDING * size),
+        }
+
+    start = _Step(x, np.full(len(x), np.inf))
+    # a lost problem is reported by its ending
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        state, convergence = iterate(problem, start, advance, max_iterations, tolerance)
+    return state.x, convergence
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what was lost has been reported
+def only_minima(problem: EIVProblem, x: np.ndarray, convergence: Convergence) -> Convergence:
+    """Mark as not converged every solution that is not a minimum of Φ.
+
+    With errors as large as the columns an iteration can end at a saddle, where the Hessian has a
+    negative eigenvalue, or run off to where Φ is flat: there its steps are small, but Newton's is
+    not.
+    """
+    _, gradient, hessian = derivatives(problem, x)
+    fine = np.isfinite(hessian).all(axis=(-1, -2))
+    eigenvalues = np.linalg.eigvalsh(np.where(fine[..., None, None], hessian, 0.0))
+    saddle = eigenvalues[..., 0] < -1e-10 * eigenvalues[..., -1]
+    left = np.linalg.norm(solve(hessian, gradient[..., None])[..., 0], axis=-1)
+    flat = left > FLAT * np.linalg.norm(x, axis=-1)
+    at_saddle = convergence.failed_where(convergence.converged & saddle, Ending.SADDLE.sentence)
+    return at_saddle.failed_where(at_saddle.converged & flat, Ending.FLAT.sentence)
 
 
 def _adjustment(

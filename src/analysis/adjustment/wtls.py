@@ -17,10 +17,9 @@ from ..blocks import pieces
 from ..checks import check_one_of, check_positive, check_whole_number, finite_array, weight_array
 from .algorithms import ALGORITHMS
 from .cofactors import CONVENTIONS
-from .iteration import only_minima
 from .linalg import cofactor_from_factor, cofactor_from_normal, propagate, solve, unit_weight_sd
 from .problem import CommonCofactors, DenseCofactors, EIVProblem, RowCofactors
-from .steps import misclosures, objective
+from .steps import misclosures, objective, only_minima
 
 Structure = CommonCofactors | RowCofactors | DenseCofactors
 

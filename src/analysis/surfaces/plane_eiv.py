@@ -19,10 +19,10 @@ import numpy as np
 
 from ..adjustment.algorithms import ALGORITHMS
 from ..adjustment.cofactors import gauss_newton_cofactor
-from ..adjustment.iteration import Stack, iterate_to_convergence, only_minima
+from ..adjustment.iteration import Stack
 from ..adjustment.linalg import propagate, unit_weight_sd
 from ..adjustment.problem import CommonCofactors, EIVProblem, IndependentRows
-from ..adjustment.steps import newton_step, objective
+from ..adjustment.steps import iterate_to_convergence, newton_step, objective, only_minima
 from ..adjustment.wtls import Estimate
 from ..adjustment.wtls import ls as least_squares
 from ..adjustment.wtls import tls as total_least_squares

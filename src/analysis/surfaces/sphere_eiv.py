@@ -20,14 +20,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..adjustment.cofactors import gauss_newton_cofactor
-from ..adjustment.iteration import Stack, iterate_to_convergence, only_minima
+from ..adjustment.iteration import Stack
 from ..adjustment.linalg import cofactor_from_factor, propagate, solve, unit_weight_sd
 from ..adjustment.problem import CommonCofactors, EIVProblem, IndependentRows
 from ..adjustment.steps import (
     derivatives,
+    iterate_to_convergence,
     misclosures,
     newton_step,
     objective,
+    only_minima,
     schaffrin_wieser_step,
 )
 from ..adjustment.wtls import smallest_singular_solution, triangular_factor
