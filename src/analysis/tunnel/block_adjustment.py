@@ -71,7 +71,9 @@ THRESHOLD = 6.0
 LEAST_COSINE = np.cos(np.deg2rad(83.0))
 FEWEST = 5  # points of all stations in a cell, for a median
 WEIGHTS = IGG3(*EFFICIENT_THRESHOLDS)
-SMALLEST_SD = 1e-9  # m, of a radius: exact data are no reason to lose weight
+# m, of a radius. Exact ties would have any weight; with 1e-9 m the normal matrix loses what targets
+# and net say to rounding, and the covariance is off by a tenth.
+SMALLEST_SD = 1e-6
 STANDS_STILL = 1e-6  # m and rad
 # With weights 1/|v|: IGG III would take all ties of two stations that are registered some
 # millimetres apart for wrong.

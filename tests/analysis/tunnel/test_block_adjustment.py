@@ -230,6 +230,15 @@ def test_ties_and_levels_make_the_epochs_agree_better(epochs):
     assert (tied < 0.7 * net).all() and (levelled < tied).all()
 
 
+def test_the_order_of_exact_ties_does_not_matter_to_the_covariance(epochs):
+    """Sums in another order differ in their last bits, and so do those of other processors."""
+    truth = at_truth(epochs)
+    exact = ties(epochs, truth)
+    turned = [Ties(*(getattr(of, name)[::-1] for name in of.__dataclass_fields__)) for of in exact]
+    there, back = (adjust_block(truth, of, **SDS, level_sd=LEVELLING_SD) for of in (exact, turned))
+    np.testing.assert_allclose(relative(back), relative(there), rtol=1e-6, atol=1e-14)
+
+
 def test_an_error_of_the_net_that_both_epochs_share_is_in_no_difference(epochs):
     """The same stations and targets in both epochs: the net may be as wrong as it likes."""
     first = at_truth(epochs[:1])
