@@ -28,8 +28,9 @@ from .axis import Axis
 from .axis_estimation import robust_axis
 from .filter import FilteredLining, filter_lining
 from .outlines import Deformation, deformation, quantities
-from .sections import DIRECTIONS, THICKNESS, Radii, Section, cut, local_radii
-from .sections import FEWEST as FEWEST_RADII
+from .radii import DIRECTIONS, Radii, local_radii
+from .radii import FEWEST as FEWEST_RADII
+from .sections import THICKNESS, Section, cut
 from .significance import Significance, classes, differences, flagged, share_beyond, significance
 
 SPACING = 10.0  # m between sections (Li et al. 2015, section 4.1)

@@ -26,7 +26,7 @@ from scipy.stats import t as student
 
 from ..adjustment.linalg import solve
 from ..checks import check_positive, finite_array, real_array
-from .sections import Radii
+from .radii import Radii
 
 LIMITS = (0.006, 0.012)  # m, between the classes
 CLASSES = ("black", "blue", "red")
@@ -202,7 +202,7 @@ def significance(
 
     Parameters
     ----------
-    first, second : radii of :func:`analysis.tunnel.sections.local_radii` in the same directions
+    first, second : radii of :func:`analysis.tunnel.radii.local_radii` in the same directions
         about the same axis.
     registration : of the second epoch relative to the first: standard deviation of the section's
         shift in each coordinate, m, or covariance matrix (2, 2) of (right, up) or (3, 3) of (right,

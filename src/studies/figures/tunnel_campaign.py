@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 from analysis.export.figures import GREY, GROSS, TRUTH, headed, new
 from analysis.tunnel.axis import Axis
 from analysis.tunnel.filter import INSIDE, LINING, OUTSIDE, FilteredLining
-from analysis.tunnel.sections import Section, equal_angles, local_radii
+from analysis.tunnel.radii import equal_angles, local_radii
+from analysis.tunnel.sections import Section
 
 from ..li_2015.epoch_cloud import EpochCloud
 from ..li_2015.printed_axis import mid_values

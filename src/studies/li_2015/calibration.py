@@ -15,7 +15,7 @@ import pandas as pd
 
 from analysis.blocks import pieces
 from analysis.result import rms
-from analysis.tunnel.sections import DIRECTIONS, equal_angles, local_radii
+from analysis.tunnel.radii import DIRECTIONS, equal_angles, local_radii
 from analysis.tunnel.significance import (
     LEVEL,
     LIMITS,

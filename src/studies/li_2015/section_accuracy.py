@@ -21,7 +21,7 @@ from analysis.tunnel.outlines import (
     residual_profile,
     split,
 )
-from analysis.tunnel.sections import equal_angles
+from analysis.tunnel.radii import equal_angles
 from analysis.tunnel.significance import LIMITS, classes, differences, share_beyond
 
 from ..simulation.tunnel import EPOCHS

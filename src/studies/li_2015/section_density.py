@@ -7,15 +7,8 @@ import pandas as pd
 
 from analysis.result import rms
 from analysis.tunnel.axis import Axis, straight
-from analysis.tunnel.sections import (
-    FEWEST,
-    THICKNESS,
-    Radii,
-    Section,
-    cut,
-    equal_angles,
-    local_radii,
-)
+from analysis.tunnel.radii import FEWEST, Radii, equal_angles, local_radii
+from analysis.tunnel.sections import THICKNESS, Section, cut
 
 from ..simulation.tunnel import (
     CODES,

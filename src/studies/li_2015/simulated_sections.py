@@ -21,7 +21,7 @@ from analysis.methods import fit_ellipse
 from analysis.surfaces.ellipse import EllipseFit
 from analysis.tunnel.block_adjustment import Block
 from analysis.tunnel.outlines import ANGLES, Deformation, Split, deformation, split
-from analysis.tunnel.sections import Section
+from analysis.tunnel.sections import THICKNESS, Section
 
 from .. import parallel
 from ..simulation.tunnel import (
@@ -33,7 +33,6 @@ from ..simulation.tunnel import (
     section_scan,
     survey,
 )
-from ..simulation.tunnel.slab import THICKNESS
 
 POLE = np.zeros(2)  # the axis point
 ALL = "all"  # in tables, of all sections together

@@ -10,7 +10,7 @@ import pytest
 
 from analysis.tunnel.axis import straight
 from analysis.tunnel.comparison import STEPS, Comparison, compare
-from analysis.tunnel.sections import DIRECTIONS
+from analysis.tunnel.radii import DIRECTIONS
 
 LENGTH, RADIUS, NOISE = 6.0, 2.7, 0.002
 AXIS = straight([0.0, 0.0, 0.0], [0.0, LENGTH, 0.0])

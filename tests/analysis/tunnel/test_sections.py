@@ -7,7 +7,8 @@ import pytest
 
 from analysis.tunnel import sections as module
 from analysis.tunnel.axis import Axis, straight
-from analysis.tunnel.sections import DIRECTIONS, STEP, Section, cut, equal_angles, local_radii
+from analysis.tunnel.radii import DIRECTIONS, STEP, equal_angles, local_radii
+from analysis.tunnel.sections import Section, cut
 
 RADIUS = 2.7
 

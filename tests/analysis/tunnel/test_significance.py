@@ -10,7 +10,8 @@ from scipy.stats import binom, chi2, norm
 from scipy.stats import t as student
 
 from analysis.tunnel.axis import straight
-from analysis.tunnel.sections import DIRECTIONS, Radii, cut, equal_angles, local_radii
+from analysis.tunnel.radii import DIRECTIONS, Radii, equal_angles, local_radii
+from analysis.tunnel.sections import cut
 from analysis.tunnel.significance import (
     LEVEL,
     classes,

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from analysis.tunnel.axis import straight
 from analysis.tunnel.filter import INSIDE, LINING, OUTSIDE, FilteredLining
-from analysis.tunnel.sections import equal_angles
+from analysis.tunnel.radii import equal_angles
 from studies.figures import tunnel_campaign as figures
 from studies.li_2015 import filter_accuracy, section_density, sticker_accuracy
 from studies.li_2015.epoch_cloud import join_scans

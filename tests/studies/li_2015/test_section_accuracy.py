@@ -8,7 +8,7 @@ import pytest
 
 from analysis.tunnel.block_adjustment import singly
 from analysis.tunnel.outlines import ANGLES
-from analysis.tunnel.sections import equal_angles
+from analysis.tunnel.radii import equal_angles
 from analysis.tunnel.significance import differences
 from studies.li_2015 import section_accuracy
 from studies.li_2015.register_campaign import register

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from analysis.tunnel.axis import straight
-from analysis.tunnel.sections import Radii, cut, local_radii
+from analysis.tunnel.radii import Radii, local_radii
+from analysis.tunnel.sections import cut
 from studies.li_2015 import section_density
 from studies.li_2015.epoch_cloud import EpochCloud, join_scans
 from studies.simulation.tunnel import CODES, survey

@@ -13,12 +13,12 @@ import numpy as np
 
 from analysis.blocks import BLOCK, pieces
 from analysis.scanner import RIEGL_VZ400, Scanner
+from analysis.tunnel.sections import THICKNESS
 
 from .alignment import from_nearest
 from .campaign import FULL_DENSITY, Setup, cast_beams, station_grid
 from .tunnel import Tunnel
 
-THICKNESS = 0.05  # m, of the slab (Li et al. 2015, section 4.2.2)
 SIGHT = 30.0  # m, beyond which the beams of a station meet the lining too obliquely to return
 # m before the lining in which the slab's points are sought: bed and catwalk are cut off there
 DEPTH = 0.35
