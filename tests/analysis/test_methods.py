@@ -22,7 +22,7 @@ NOT_OPTIONS = {"cloud", "printed_problem", "seed"}
 
 @pytest.mark.parametrize("fit", FUNCTIONS, ids=lambda fit: fit.__name__)
 def test_help_names_every_option_of_every_method_with_its_default(fit):
-    """The thresholds of the robust fit are None in its signature, because they stand for IGG III."""
+    """The thresholds of the robust fit are None in its signature: they stand for IGG III."""
     stated = re.findall(r"(\w+)=([^\s,();.]+(?:\.\d+)?)", f"{fit.__doc__} {SHARED}")
     defaults = {(name, ast.literal_eval(value)) for name, value in stated}
     for method in FUNCTIONS[fit].values():

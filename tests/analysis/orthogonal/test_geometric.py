@@ -1,4 +1,4 @@
-"""The consistent methods `eiv` and `geometric`: minima against other solvers, effect of cofactors."""
+"""The methods `eiv` and `geometric`: minima against other solvers, effect of cofactors."""
 
 import warnings
 
