@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np  # noqa: F401 - in the examples
+import numpy as np
 
 from .adjustment import igg3
 from .blocks import BLOCK, pieces
@@ -137,19 +137,18 @@ CYLINDER_METHODS: dict[str, Method] = {"geometric": GEOMETRIC, "robust": ROBUST}
 
 @dataclass(frozen=True)
 class Geometry:
-    """A kind of surface: its points, how a stack of clouds is prepared, and its methods."""
+    """A kind of surface: the class of its clouds, its points, and its methods."""
 
     cloud: type[Cloud]
     dimension: int
     minimum: int  # number of points
-    reduce: Callable[..., Cloud]
     methods: dict[str, Method]
 
 
-SPHERE = Geometry(sphere.SphereCloud, 3, 4, sphere.reduce, SPHERE_METHODS)
-PLANE = Geometry(plane.PlaneCloud, 3, 3, plane.reduce, PLANE_METHODS)
-ELLIPSE = Geometry(ellipse.EllipseCloud, 2, 5, ellipse.reduce, ELLIPSE_METHODS)
-CYLINDER = Geometry(cylinder.CylinderCloud, 3, 7, cylinder.reduce, CYLINDER_METHODS)
+SPHERE = Geometry(sphere.SphereCloud, 3, 4, SPHERE_METHODS)
+PLANE = Geometry(plane.PlaneCloud, 3, 3, PLANE_METHODS)
+ELLIPSE = Geometry(ellipse.EllipseCloud, 2, 5, ELLIPSE_METHODS)
+CYLINDER = Geometry(cylinder.CylinderCloud, 3, 7, CYLINDER_METHODS)
 
 
 def fit_sphere(
@@ -212,11 +211,8 @@ def fit_sphere(
     >>> fit.center.round(9), round(float(fit.radius), 9)
     (array([10., 10.,  1.]), 2.0)
     """
-    geometry, fixed = SPHERE, None
-    if radius is not None:
-        radius, fixed = check_positive(radius, "radius"), "radius"
-        geometry = replace(SPHERE, reduce=partial(sphere.reduce, radius=radius))
-    return _fit(geometry, points, method, cofactors, weights, absolute, seed, method_options, fixed)
+    own = {} if radius is None else {"fixed_radius": check_positive(radius, "radius")}
+    return _fit(SPHERE, points, method, cofactors, weights, absolute, seed, method_options, own)
 
 
 def fit_plane(
@@ -270,8 +266,8 @@ def fit_plane(
     station = finite_array(station, "station")
     if station.shape != (3,):
         raise ValueError(f"station: expected shape (3,), got {station.shape}")
-    geometry = replace(PLANE, reduce=partial(plane.reduce, station=station))
-    return _fit(geometry, points, method, cofactors, weights, absolute, seed, method_options)
+    own = {"station": station}
+    return _fit(PLANE, points, method, cofactors, weights, absolute, seed, method_options, own)
 
 
 def fit_ellipse(
@@ -314,7 +310,7 @@ def fit_ellipse(
     >>> fit.center.round(9), fit.semi_axes.round(9)
     (array([1., 2.]), array([3., 2.]))
     """
-    return _fit(ELLIPSE, points, method, cofactors, weights, absolute, seed, method_options)
+    return _fit(ELLIPSE, points, method, cofactors, weights, absolute, seed, method_options, {})
 
 
 def fit_elliptic_cylinder(
@@ -358,8 +354,15 @@ def fit_elliptic_cylinder(
     >>> fit.direction.round(9) + 0.0, fit.semi_axes.round(9), round(float(fit.angle), 9) % np.pi
     (array([0., 1., 0.]), array([3., 2.]), 0.0)
     """
-    geometry = replace(CYLINDER, reduce=partial(cylinder.reduce, axis=axis))
-    return _fit(geometry, points, method, cofactors, weights, absolute, seed, method_options)
+    if axis is not None:
+        axis = finite_array(axis, "axis")
+        if axis.shape != (3,) or not axis.any():
+            raise ValueError(
+                f"axis: expected three numbers that are not all 0, got {axis.tolist()}"
+            )
+        axis = axis / np.linalg.norm(axis)
+    own = {"axis": axis}
+    return _fit(CYLINDER, points, method, cofactors, weights, absolute, seed, method_options, own)
 
 
 def _fit(
@@ -371,7 +374,7 @@ def _fit(
     absolute: bool,
     seed: int,
     options: dict[str, Any],
-    fixed: str | None = None,
+    own: dict[str, Any],
 ) -> Any:
     """Common part of every ``fit_*``: check, solve the stack a block at a time, join the fits."""
     chosen = geometry.methods[check_one_of(method, geometry.methods, "method")]
@@ -380,14 +383,15 @@ def _fit(
     asked = {
         "full cofactors": matrices is not None,
         "absolute cofactors": absolute,
-        f"a held {fixed}": fixed is not None,
+        "a held radius": "fixed_radius" in own,
     }
     if absolute and cofactors is None:
         raise ValueError("absolute: expected cofactors, which are to be absolute, got none")
     _require_able(geometry, method, [what for what, wanted in asked.items() if wanted])
     if chosen.seeded:
         options["seed"] = seed
-    fits = _solve(geometry.reduce, chosen, points, a_priori_weights, matrices, options)
+    given = {"weights": a_priori_weights, "cofactors": matrices}
+    fits = _solve(partial(geometry.cloud.reduce, **own), chosen, points, given, options)
     fit = join(fits, points.shape[:-2], absolute)
     warn_if_not_converged(fit)
     return fit
@@ -404,8 +408,7 @@ def _solve(
     reduce: Callable[..., Cloud],
     method: Method,
     points: Array,
-    weights: Array | None,
-    cofactors: Array | None,
+    given: dict[str, Array | None],
     options: dict[str, Any],
 ) -> list[Fit]:
     """Fits of points (…, n, dim), as many clouds together as make a block of the method."""
@@ -413,9 +416,9 @@ def _solve(
     flat = points.reshape((-1, n, dim))
     fits = []
     for part in pieces(len(flat), max(1, method.block // n)):
-        its_own = (None if array is None else array[part] for array in (weights, cofactors))
+        theirs = {name: None if array is None else array[part] for name, array in given.items()}
         try:
-            fits.append(method.function(reduce(flat[part], *its_own), **options))
+            fits.append(method.function(reduce(flat[part], **theirs), **options))
         except DegenerateCloud as error:
             which = f" in cloud {part.start + error.index} of the stack" if lead else ""
             raise ValueError(f"{error}{which}") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -48,6 +48,17 @@ class Cloud:
 
     surface: ClassVar[str]  # in messages, "a sphere"
 
+    @classmethod
+    def reduce(cls, points: Array, weights=None, cofactors=None, **own: Any) -> Self:
+        """Centre and scale a stack (B, n, dim); ``own`` are fields of the surface's cloud.
+
+        Raises :class:`DegenerateCloud` where the points determine no surface, as far as their
+        coordinates can tell.
+        """
+        cloud = cls(points, weights, cofactors, *frame_of(points), **own)
+        cloud.require_surface()
+        return cloud
+
     @property
     def count(self) -> int:
         return self.points.shape[-2]
@@ -74,6 +85,10 @@ class Cloud:
                 yield block.swapaxes(-1, -2)
 
         return triangular_factor(blocks())
+
+    def require_surface(self) -> None:
+        """Raise :class:`DegenerateCloud` if the points of a cloud determine no surface."""
+        raise NotImplementedError
 
     def require_dimensions(self, extents: Array, needed: int, flat: str = "in one plane") -> None:
         """Raise :class:`DegenerateCloud` if a cloud spans fewer than ``needed`` dimensions.

@@ -21,8 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..adjustment.linalg import propagate, solve
-from ..checks import finite_array
-from ..orthogonal.cloud import Cloud, frame_of
+from ..orthogonal.cloud import Cloud
 from ..orthogonal.contracts import GeometricModel
 from ..orthogonal.least_trimmed_squares import SUBSET
 from ..orthogonal.observations import Points
@@ -236,7 +235,7 @@ def _orient(x: Array) -> tuple[Array, Array]:
 class CylinderCloud(Cloud):
     """A stack of clouds around cylinders.
 
-    axis : (3,) approximate direction of all their axes, or None where it is to be looked for
+    axis : (3,) unit vector near all their axes, or None where it is to be looked for
     """
 
     axis: Array | None = None
@@ -252,6 +251,11 @@ class CylinderCloud(Cloud):
     def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
         """Of seven points a sample would seldom be clean: see ``cylinder_start``."""
         return fit_majority(self.model, D, self.axis, seed)
+
+    def require_surface(self) -> None:
+        """Refuse points in a plane."""
+        extents = np.linalg.svd(self.factor_of(_rows)[..., 1:, 1:], compute_uv=False)
+        self.require_dimensions(extents * self.length[:, None], 3)
 
     def fit(self, method: str, adjustment: Adjustment) -> CylinderFit:
         """The result in m of an adjustment in the frame."""
@@ -274,25 +278,6 @@ class CylinderCloud(Cloud):
             regular=x,
             regular_cofactor=cofactor,
         )
-
-
-def reduce(points: Array, weights=None, cofactors=None, *, axis=None) -> CylinderCloud:
-    """Centre and scale a stack ``(B, n, 3)``; axis (3,) of all of them or None, as :class:`Cloud`.
-
-    Raises ``ValueError`` when the points of a cloud lie in a plane as far as their coordinates can
-    tell, and for an axis without direction.
-    """
-    if axis is not None:
-        axis = finite_array(axis, "axis")
-        if axis.shape != (3,) or not axis.any():
-            raise ValueError(
-                f"axis: expected three numbers that are not all 0, got {axis.tolist()}"
-            )
-        axis = axis / np.linalg.norm(axis)
-    cloud = CylinderCloud(points, weights, cofactors, *frame_of(points), axis)
-    extents = np.linalg.svd(cloud.factor_of(_rows)[..., 1:, 1:], compute_uv=False)
-    cloud.require_dimensions(extents * cloud.length[:, None], 3)
-    return cloud
 
 
 def _rows(points: Array, origin: Array, length: Array) -> Array:

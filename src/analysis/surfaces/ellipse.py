@@ -23,7 +23,7 @@ from ..adjustment.iteration import Ending, Stack, iterate
 from ..adjustment.linalg import cofactor_from_normal, propagate, solve, unit_weight_sd
 from ..adjustment.weights import IGG3, PRINTED_THRESHOLDS, ROUNDED_MAD_TO_SD
 from ..checks import check_positive, check_whole_number
-from ..orthogonal.cloud import ROUNDING, Cloud, frame_of
+from ..orthogonal.cloud import ROUNDING, Cloud
 from ..orthogonal.contracts import ElementalModel
 from ..orthogonal.least_trimmed_squares import least_trimmed_squares
 from ..orthogonal.observations import Points
@@ -329,6 +329,18 @@ class EllipseCloud(Cloud):
         outwards = 0.5 * curvature * ((sigma / self.length) ** 2)[:, None]
         return -solve(J @ J.swapaxes(-1, -2), J @ outwards[..., None])[..., 0]
 
+    def require_surface(self) -> None:
+        """Refuse points on a line, and such as more than one conic passes through."""
+        extents = np.linalg.svd(self.factor[:, 1:3, 1:3], compute_uv=False)
+        self.require_dimensions(extents * self.length[:, None], 2)
+        s = np.linalg.svd(self.factor[:, 3:, 3:], compute_uv=False)
+        # Of the three combinations of u², uv and v² that are left of lines, one may be constant on
+        # the points, but not two.
+        far = 1.0 + np.abs(self.origin).max(axis=-1) / self.length
+        rounding = 16 * np.sqrt(self.count) * np.finfo(float).eps * far
+        for bad in np.flatnonzero(s[:, 1] <= np.maximum(rounding, 1e-10) * s[:, 0]):
+            raise self.degenerate("points on more than one conic", bad)
+
     def fit(self, method: str, adjustment: Adjustment) -> EllipseFit:
         """The result in m of an adjustment of (u0, v0, m, g, h) in the frame."""
         x, length = adjustment.x, self.length[:, None]
@@ -350,25 +362,6 @@ class EllipseCloud(Cloud):
             regular=regular,
             regular_cofactor=regular_cofactor,
         )
-
-
-def reduce(points: Array, weights=None, cofactors=None) -> EllipseCloud:
-    """Centre and scale a stack ``(B, n, 2)``, as :class:`~analysis.orthogonal.cloud.Cloud`.
-
-    Raises ``ValueError`` when the points of a cloud lie on a line, or when more than one conic
-    passes through them, as far as their coordinates can tell.
-    """
-    cloud = EllipseCloud(points, weights, cofactors, *frame_of(points))
-    extents = np.linalg.svd(cloud.factor[:, 1:3, 1:3], compute_uv=False)
-    cloud.require_dimensions(extents * cloud.length[:, None], 2)
-    s = np.linalg.svd(cloud.factor[:, 3:, 3:], compute_uv=False)
-    # Of the three combinations of u², uv and v² that are left of lines, one may be constant on the
-    # points, but not two.
-    far = 1.0 + np.abs(cloud.origin).max(axis=-1) / cloud.length
-    rounding = 16 * np.sqrt(cloud.count) * np.finfo(float).eps * far
-    for bad in np.flatnonzero(s[:, 1] <= np.maximum(rounding, 1e-10) * s[:, 0]):
-        raise cloud.degenerate("points on more than one conic", bad)
-    return cloud
 
 
 def _rows(points: Array, origin: Array, length: Array) -> Array:

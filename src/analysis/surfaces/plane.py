@@ -6,13 +6,13 @@ As a linear errors-in-variables problem ``z = a x + b y + c`` it is in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..adjustment.linalg import propagate
-from ..orthogonal.cloud import Cloud, frame_of
+from ..orthogonal.cloud import Cloud
 from ..orthogonal.contracts import ElementalModel
 from ..orthogonal.least_trimmed_squares import least_trimmed_squares
 from ..orthogonal.observations import Points
@@ -149,7 +149,7 @@ class PlaneFit(Fit):
 class PlaneCloud(Cloud):
     """A stack of clouds near planes; station (3,) in m is where the scanner stood."""
 
-    station: Array
+    station: Array = field(default_factory=lambda: np.zeros(3))
 
     surface = "a plane"
     model = PlaneModel()
@@ -177,6 +177,10 @@ class PlaneCloud(Cloud):
     def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
         """Least trimmed squares."""
         return least_trimmed_squares(self.model, D, seed)
+
+    def require_surface(self) -> None:
+        """Refuse points on a line."""
+        self.require_dimensions(self.principal_axes[0] * self.length[:, None], 2)
 
     def fit(self, method: str, adjustment: Adjustment) -> PlaneFit:
         """The result in m of an adjustment of (n, h) in the frame."""
@@ -227,20 +231,6 @@ class PlaneCloud(Cloud):
             normal_cofactor=normal_cofactor,
             centroid=self.origin,
         )
-
-
-def reduce(
-    points: Array, weights=None, cofactors=None, *, station: Array | None = None
-) -> PlaneCloud:
-    """Centre and scale a stack ``(B, n, 3)``, as :class:`Cloud`; station (3,), None for the origin.
-
-    Raises ``ValueError`` when the points of a cloud lie on a line as far as their coordinates can
-    tell.
-    """
-    station = np.zeros(3) if station is None else station
-    cloud = PlaneCloud(points, weights, cofactors, *frame_of(points), station)
-    cloud.require_dimensions(cloud.principal_axes[0] * cloud.length[:, None], 2)
-    return cloud
 
 
 def rows(points: Array, origin: Array, length: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..adjustment.linalg import solve
 from ..adjustment.wtls import triangular_factor
-from ..orthogonal.cloud import Cloud, frame_of
+from ..orthogonal.cloud import Cloud
 from ..orthogonal.contracts import ElementalModel
 from ..orthogonal.least_trimmed_squares import least_trimmed_squares
 from ..orthogonal.observations import Points
@@ -232,6 +232,12 @@ class SphereCloud(Cloud):
         bias[:, 3] = (sigma / self.length) ** 2 / x[:, 3]
         return bias
 
+    def require_surface(self) -> None:
+        """Refuse points in a plane (so also on a circle, on a line or in one place)."""
+        centred = triangular_factor([self.factor[..., [3, 0, 1, 2]]])[..., 1:, 1:]
+        extents = np.linalg.svd(centred, compute_uv=False) * (0.5 * self.length[:, None])
+        self.require_dimensions(extents, 3, flat="in one plane (or on one circle)")
+
     def fit(self, method: str, adjustment: Adjustment) -> SphereFit:
         """The result in m of an adjustment of (a, b, c, r) in the frame."""
         parameters = self.length[:, None] * adjustment.x
@@ -254,21 +260,6 @@ class SphereCloud(Cloud):
             parameters=parameters,
             cofactor=cofactor,
         )
-
-
-def reduce(
-    points: Array, weights=None, cofactors=None, *, radius: float | None = None
-) -> SphereCloud:
-    """Centre and scale a stack ``(B, n, 3)``; a fixed radius or None, as :class:`Cloud`.
-
-    Raises ``ValueError`` when the points of a cloud lie in a plane (so also on a circle, on a line
-    or in one place) as far as their coordinates can tell: no sphere, or no single one, fits best.
-    """
-    cloud = SphereCloud(points, weights, cofactors, *frame_of(points), radius)
-    centred = triangular_factor([cloud.factor[..., [3, 0, 1, 2]]])[..., 1:, 1:]
-    extents = np.linalg.svd(centred, compute_uv=False) * (0.5 * cloud.length[:, None])
-    cloud.require_dimensions(extents, 3, flat="in one plane (or on one circle)")
-    return cloud
 
 
 def rows(points: Array, origin: Array, length: Array) -> Array:

@@ -27,8 +27,7 @@ from ..blocks import pieces
 from ..checks import check_one_of, check_positive, point_array
 from ..orthogonal.gauss_helmert import robust
 from ..result import join
-from ..surfaces import cylinder
-from ..surfaces.cylinder import CylinderFit
+from ..surfaces.cylinder import CylinderCloud, CylinderFit, CylinderModel
 from .lining_surface import PixelGrid, fitted, median_scale
 
 LINING, INSIDE, OUTSIDE, UNSUPPORTED = 0, -1, 1, 2
@@ -268,7 +267,7 @@ def _cylinder(rho, alpha, w, grid: PixelGrid, seed: int) -> CylinderFit:
     """Robust fit to one point a pixel."""
     chosen = _one_a_pixel(grid.pixels(alpha, w), rho)
     points = _cartesian(rho[chosen], alpha[chosen], w[chosen])
-    cloud = cylinder.reduce(points[None], axis=np.array([0.0, 1.0, 0.0]))
+    cloud = CylinderCloud.reduce(points[None], axis=np.array([0.0, 1.0, 0.0]))
     return join([cast(CylinderFit, robust(cloud, seed=seed))], ())
 
 
@@ -276,5 +275,5 @@ def _distances(fit: CylinderFit, rho, alpha, w) -> np.ndarray:
     d = np.empty(len(rho))
     for piece in pieces(len(rho)):
         points = _cartesian(rho[piece], alpha[piece], w[piece])
-        d[piece] = cylinder.CylinderModel.distances(fit.regular[None, None], points[None])[0, 0]
+        d[piece] = CylinderModel.distances(fit.regular[None, None], points[None])[0, 0]
     return d

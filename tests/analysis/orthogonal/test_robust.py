@@ -14,7 +14,7 @@ from analysis.adjustment.weights import IGG3
 from analysis.orthogonal.gauss_helmert import LARGE
 from analysis.orthogonal.least_trimmed_squares import least_trimmed_squares
 from analysis.result import ConvergenceWarning
-from analysis.surfaces.sphere import SphereModel, reduce
+from analysis.surfaces.sphere import SphereCloud, SphereModel
 from project import scans
 from studies import paths
 from studies.ou_liu_2017 import clouds
@@ -264,7 +264,7 @@ def test_the_order_of_the_points_does_not_matter(n):
 @pytest.mark.parametrize("count", [300, 500])
 def test_the_start_does_not_know_the_order(count):
     """Points are drawn by place, not by number: even the start is the same to the last bit."""
-    given = reduce(GROSS[None]).observations()
+    given = SphereCloud.reduce(GROSS[None]).observations()
     shuffled = replace(given, points=given.points[:, np.random.default_rng(8).permutation(500)])
     first, second = (points.subsample(count, 0).all().D for points in (given, shuffled))
     assert first.shape == (1, count, 3)
@@ -275,7 +275,7 @@ def test_the_start_does_not_know_the_order(count):
 
 
 def test_another_seed_draws_other_points():
-    given = reduce(GROSS[None]).observations()
+    given = SphereCloud.reduce(GROSS[None]).observations()
     first, second = (
         {tuple(point) for point in given.subsample(250, seed).points[0]} for seed in (0, 1)
     )

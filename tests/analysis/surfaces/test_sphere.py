@@ -787,7 +787,7 @@ def test_sphere_with_negative_squared_radius():
 
     So the common ending is asked for it.
     """
-    cloud = sphere.reduce(directions(20)[None], None)
+    cloud = sphere.SphereCloud.reduce(directions(20)[None])
     x = np.array([[0.0, 0.0, 0.0, -1.0]])
     fit = sphere_eiv._fit(cloud, "tls", Adjustment.closed_form(x, np.eye(4)[None], np.ones(1)))
     assert np.isnan(fit.radius[0]) and not fit.converged[0]
