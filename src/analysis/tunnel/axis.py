@@ -73,7 +73,8 @@ class Axis:
         """
         if self.coefficients.shape[-1] > 1 or self.coefficients[3].any():
             raise ValueError(
-                f"quadratics: expected an axis of one quadratic, got a cubic spline of {self.coefficients.shape[-1]} pieces"
+                "quadratics: expected an axis of one quadratic, got a cubic spline of "
+                f"{self.coefficients.shape[-1]} pieces"
             )
         c, b = self.coefficients[:, :, 0], self.breaks[0]
         return np.stack([c[0] - b * c[1] + b * b * c[2], c[1] - 2 * b * c[2], c[2]], axis=-1)
@@ -277,7 +278,8 @@ def local_frame(points) -> tuple[np.ndarray, np.ndarray]:
     height = high[2] - low[2]
     if not length > 1.5 * max(width, height):
         raise ValueError(
-            f"points: expected a tunnel at least 1.5 times as long as wide and high, with Z up, in m; "
+            "points: expected a tunnel at least 1.5 times as long as wide and high, with Z up, in "
+            "m; "
             f"got {length:.4g} long, {width:.4g} wide and {height:.4g} high"
         )
     return middle, rotation

@@ -37,7 +37,7 @@ RADII = (0.3, 30.0)  # m; a tunnel beyond these is one in other units
 def robust_axis(points, *, slab: float = 1.0, seed: int = 0, max_iterations: int = 30) -> Axis:
     """Axis through section centres that track bed, cables and cut ends do not pull.
 
-    From a first axis, repeated until the axis moves by no more than 0.1 mm: polar coordinates of the
+    From a first axis, repeated until it moves by no more than 0.1 mm: polar coordinates of the
     points about their own foot points; in slabs of ``slab`` m the median radius in each of 120
     directions; in each slab
 
@@ -66,7 +66,8 @@ def robust_axis(points, *, slab: float = 1.0, seed: int = 0, max_iterations: int
         centre.
 
     >>> y, turn = np.arange(20_000) * 1e-3, np.arange(20_000) * 2.4
-    >>> tube = np.stack([2.7 * np.cos(turn), y, np.maximum(2.7 * np.sin(turn), -2.0)], axis=-1)  # with a floor
+    >>> z = np.maximum(2.7 * np.sin(turn), -2.0)  # with a floor
+    >>> tube = np.stack([2.7 * np.cos(turn), y, z], axis=-1)
     >>> axis = robust_axis(tube)
     >>> bool(np.abs(axis.position(axis.at_chainage([1.0, 9.0]))[:, [0, 2]]).max() < 5e-4)
     True
@@ -105,14 +106,16 @@ def _first_axis(points: np.ndarray, slab: float) -> Axis:
     groups = [local[part] for part in np.split(order, starts[1:]) if len(part) >= 20]
     if len(groups) < 3:
         raise ValueError(
-            f"points: expected at least 3 slabs of {slab:g} m with 20 points or more, got {len(groups)} of {len(slabs)}; "
+            f"points: expected at least 3 slabs of {slab:g} m with 20 points or more, got "
+            f"{len(groups)} of {len(slabs)}; "
             "are these metres, and the slabs long enough for the density?"
         )
     quantiles = np.array([np.quantile(group[:, [0, 2]], [0.02, 0.98], axis=0) for group in groups])
     radius = 0.5 * np.median(np.diff(quantiles, axis=1))
     if not RADII[0] < radius < RADII[1]:
         raise ValueError(
-            f"points: expected a tunnel with a radius of {RADII[0]:g} to {RADII[1]:g} m, got about {radius:.4g}; are these metres?"
+            f"points: expected a tunnel with a radius of {RADII[0]:g} to {RADII[1]:g} m, got about "
+            f"{radius:.4g}; are these metres?"
         )
     y = np.array([group[:, 1].mean() for group in groups])
     return _curve(origin, rotation, y, quantiles.mean(axis=1), np.ones(len(y)), (y[0], y[-1]))
@@ -148,7 +151,8 @@ def _slab_centers(
     found = np.isfinite(sd) & (used >= 2 * HARMONICS) & (sd < 0.1 * x[:, 0])
     if np.count_nonzero(found) < 3:
         raise ValueError(
-            f"points: expected at least 3 slabs of {slab:g} m in which a ring is seen, got {np.count_nonzero(found)}"
+            f"points: expected at least 3 slabs of {slab:g} m in which a ring is seen, got "
+            f"{np.count_nonzero(found)}"
         )
     used = np.flatnonzero(seen)[found]
     ends = float(y[of == used[0]].min()), float(y[of == used[-1]].max())

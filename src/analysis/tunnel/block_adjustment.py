@@ -135,7 +135,8 @@ def surface_ties(
     >>> stations = {name: Station(name, tuple("abcd"), x, x, fit, fit) for name in "12"}
     >>> y, turn = np.arange(20_000) * 5e-4, np.arange(20_000) * 2.4
     >>> tube = np.stack([2.7 * np.sin(turn), y, 2.7 * np.cos(turn)], axis=-1)
-    >>> ties = surface_ties(stations, {"1": tube, "2": tube[:10_000]}, straight(np.zeros(3), np.array([0.0, 10.0, 0.0])))
+    >>> scans = {"1": tube, "2": tube[:10_000]}
+    >>> ties = surface_ties(stations, scans, straight([0.0, 0.0, 0.0], [0.0, 10.0, 0.0]))
     >>> len(ties) == 2 * 25 * 36, ties.radii.round(9).min()
     (True, np.float64(2.7))
     """
@@ -300,8 +301,10 @@ def adjust_block(
 
     >>> from analysis.similarity import fit_similarity
     >>> x = np.array([[3.0, 0, 0], [-3, 0, 0], [0, 9, 0], [0, 0, 3]])
-    >>> fit = fit_similarity(x, x + [0, 50, 0], scale=False, target_cofactors=0.002**2, absolute=True)
-    >>> block = adjust_block({"1": Station("1", tuple("abcd"), x, x + [0, 50, 0], fit, fit)}, scanner_sd=0.002, control_sd=0.001)
+    >>> X = x + [0, 50, 0]
+    >>> fit = fit_similarity(x, X, scale=False, target_cofactors=0.002**2, absolute=True)
+    >>> stations = {"1": Station("1", tuple("abcd"), x, X, fit, fit)}
+    >>> block = adjust_block(stations, scanner_sd=0.002, control_sd=0.001)
     >>> block.stations["1"].similarity.translation.round(9) + 0, block.converged
     (array([ 0., 50.,  0.]), True)
     """
@@ -402,14 +405,16 @@ def _net(stations: Mapping[str, Station]) -> dict[str, np.ndarray]:
     for name, station in stations.items():
         if not station.similarity.absolute or station.similarity.central_cofactor[6, 6] > 0:
             raise ValueError(
-                f"station {name}: expected variances in m² and a scale held at 1, as register_stations gives them"
+                f"station {name}: expected variances in m² and a scale held at 1, as "
+                "register_stations gives them"
             )
         for target, X, used in zip(
             station.targets, station.target, station.similarity.inliers, strict=True
         ):
             if used and not np.array_equal(net.setdefault(target, X), X):
                 raise ValueError(
-                    f"station {name}: expected one place for target {target} at all stations, got another one"
+                    f"station {name}: expected one place for target {target} at all stations, got "
+                    "another one"
                 )
     return net
 
@@ -435,7 +440,8 @@ class _Lining:
             unknown = sorted(set(of.stations.tolist()) - set(names))
             if unknown:
                 raise ValueError(
-                    f"ties: expected those of the stations {', '.join(names)}, got {', '.join(unknown)}"
+                    f"ties: expected those of the stations {', '.join(names)}, got "
+                    f"{', '.join(unknown)}"
                 )
             if np.bincount(of.cells).min(initial=2) < 2:
                 raise ValueError(

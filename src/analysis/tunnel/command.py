@@ -1,6 +1,4 @@
-"""``python -m analysis tunnel EPOCH1 EPOCH2``: a user's own two epochs in, tables and figures of
-what has changed out.
-"""
+"""``python -m analysis tunnel EPOCH1 EPOCH2``: tables and figures of what has changed."""
 
 from __future__ import annotations
 
@@ -19,18 +17,21 @@ from .sections import THICKNESS
 from .significance import LEVEL, LIMITS, SHARE
 
 OUTPUT = "tunnel_comparison"
-MEANING = f"""\
-flagged: the change passes {1e3 * LIMITS[0]:.0f} mm in more than {100 * SHARE:.0f} % of the
-directions seen (Li et al. 2015) changed: so improbable by noise and registration error alone that
-such a thing happens in {100 * LEVEL:.0f} % of quiet sections settlement: of the crown, positive
-downwards; convergence: of the horizontal diameter, positive where it widens"""
+MEANING = (
+    f"flagged: the change passes {1e3 * LIMITS[0]:.0f} mm in more than {100 * SHARE:.0f} % of the "
+    "directions seen (Li et al. 2015)\n"
+    "changed: so improbable by noise and registration error alone that such a thing happens in "
+    f"{100 * LEVEL:.0f} % of quiet sections\n"
+    "settlement: of the crown, positive downwards; convergence: of the horizontal diameter, "
+    "positive where it widens"
+)
 EPILOG = f"""\
 The epochs must be in one system, in m, with Z up; the tunnel may run in any horizontal direction.
 
 written into DIR:
   sections.csv        the printed table, unrounded
-  changes.*           the unrolled lining: where the change passes 6 and 12 mm, and where it is
-                      significant
+  changes.*           the unrolled lining: where the change passes 6 and 12 mm, and where it is \
+significant
   along.*             crown settlement and horizontal convergence along the tunnel
   section_CHAINAGE.*  outlines and radial change of each section that is flagged or changed
   (.png and .svg, and .csv with what they show)
@@ -39,8 +40,8 @@ written into DIR:
 
 exit status: 0 a result, 1 a result with an axis or ellipse that did not converge, 2 no result"""
 
-# What of the table fits a line: short name -> column, decimals. The columns of standard deviations
-# differ in their blanks.
+# Columns of the table that fit a line: short name -> column, decimals. The columns of standard
+# deviations differ in their blanks.
 SHOWN = {
     "chainage/m": ("chainage_m", 2),
     "points 1": ("points_1", 0),
@@ -64,7 +65,8 @@ def add_to(commands) -> None:
     command = commands.add_parser(
         "tunnel",
         help="compare two epochs of a tunnel",
-        description="Compare two epochs of a tunnel: sections, their deformation with standard deviations, and what of it is significant.",
+        description="Compare two epochs of a tunnel: sections, their deformation with standard "
+        "deviations, and what of it is significant.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -169,7 +171,8 @@ def report(
     """The result for a reader: aligned plain text with units; what is not defined is a dash."""
     axis, table = result.axis, result.table()
     lines = [
-        f"{name} epoch: {file}, {len(lining.flags)} points, {100 * lining.lining.mean():.1f} % of them lining"
+        f"{name} epoch: {file}, {len(lining.flags)} points, {100 * lining.lining.mean():.1f} % of "
+        "them lining"
         for (name, file), lining in zip(files.items(), result.linings, strict=True)
     ]
     ends = (" ".join(f"{value:.3f}" for value in axis.position(y)) for y in axis.y_range)

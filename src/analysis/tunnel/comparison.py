@@ -1,9 +1,8 @@
 """Two epochs of a tunnel compared, from their scans to the deformation of every section.
 
-    axis of epoch 1 → lining of each epoch → sections at equal chainages → radii by direction → what
-    is significant
-                                                                        → ellipses → Δρ(α),
-                                                                        convergence, settlement
+    axis of the first epoch → lining of each epoch → sections at equal chainages
+        → radii by direction → significance
+        → ellipses → Δρ(α), convergence, settlement
 
 Both epochs are in one system and both are cut with the axis of the first, as in Li et al. (2015),
 section 4.2.2. What is left to the user is how well the second epoch is registered to the first:
@@ -81,7 +80,7 @@ class ComparedSection:
 
     @property
     def difference(self) -> np.ndarray:
-        """(J,) m, of the radii in each direction, positive outwards; NaN where an epoch has a gap."""
+        """(J,) m, of the radii by direction, positive outwards; NaN where an epoch has a gap."""
         return differences(*self.radii)
 
     @property
@@ -181,27 +180,23 @@ class Comparison:
         return self.axis.converged and all(section.converged for section in self.sections)
 
     def table(self) -> pd.DataFrame:
-        """A row a section.
+        """A row per section.
 
-        ========================================
-            ====================================================================
-        `chainage_m`                              of the section, along the axis of the first epoch
-        `points_1`, `points_2`                    of the lining in each epoch
-        `seen_percent`                            of the directions, in both epochs
-        `beyond_6_mm_percent`, `flagged`          of the directions seen, |δ| > 6 mm; more than 30 %
-        of them (Li et al. 2015)
-        `significant_percent`                     of the directions seen, |δ| beyond its own level
-            of detection
-        `p_motion`, `p_shape`                     of so large a motion of the section, and of such
-        differences beside any motion, by chance `p_value`, `changed`                      of the
-        section as a whole, from both; whether it is below 5 % `largest_change_mm`, `…_sd_mm`,
-        `at_deg`  of the ellipses, + outwards, over the directions seen; 0° crown, + right
-                  `crown_settlement_mm`, `…_sd_mm`          −Δρ(0°) of the ellipses, + downwards
-        `horizontal_convergence_mm`, `…_sd_mm`    Δρ(90°) + Δρ(−90°) of the ellipses, + where the
-        section widens
-        `note`                                    why there are no ellipses
-        ========================================
-            ====================================================================
+        - `chainage_m`: of the section, along the axis of the first epoch
+        - `points_1`, `points_2`: of the lining in each epoch
+        - `seen_percent`: of the directions, in both epochs
+        - `beyond_6_mm_percent`, `flagged`: of the directions seen, |δ| > 6 mm; more than 30 % of
+          them (Li et al. 2015)
+        - `significant_percent`: of the directions seen, |δ| beyond its own level of detection
+        - `p_motion`, `p_shape`: probability, without deformation, of so large a motion of the
+          section, and of such differences beside any motion
+        - `p_value`, `changed`: of the section as a whole, from both; whether it is below 5 %
+        - `largest_change_mm`, `…_sd_mm`, `at_deg`: of the ellipses, + outwards, over the directions
+          seen; 0° crown, + right
+        - `crown_settlement_mm`, `…_sd_mm`: −Δρ(0°) of the ellipses, + downwards
+        - `horizontal_convergence_mm`, `…_sd_mm`: Δρ(90°) + Δρ(−90°) of the ellipses, + where the
+          section widens
+        - `note`: why there are no ellipses
 
         Standard deviations hold the noise of both epochs and the registration. NaN where nothing
         can be said; such a section is neither flagged nor changed.
@@ -209,7 +204,7 @@ class Comparison:
         return pd.DataFrame([section.row() for section in self.sections])
 
     def by_direction(self) -> pd.DataFrame:
-        """A row a section and direction: `chainage_m`, `angle_deg` (0° crown, + right) and
+        """A row per section and direction: `chainage_m`, `angle_deg` (0° crown, + right) and
 
         - `class`, `difference_mm`: measured in the direction itself, + outwards; black, blue, red
           or gap;
@@ -261,8 +256,9 @@ def compare(
     Source: Li et al. 2015, sections 3 and 4.2; the tests and the standard deviations are additions.
 
     >>> y, turn = np.arange(20_000) * 5e-4, np.arange(20_000) * 2.4
-    >>> first, second = (np.stack([a * np.sin(turn), y, (5.4 - a) * np.cos(turn)], axis=-1) for a in (2.7, 2.71))
-    >>> result = compare(first, second, chainages=[4.0, 5.0], thickness=0.2)
+    >>> def epoch(a, b):
+    ...     return np.stack([a * np.sin(turn), y, b * np.cos(turn)], axis=-1)
+    >>> result = compare(epoch(2.7, 2.7), epoch(2.71, 2.69), chainages=[4.0, 5.0], thickness=0.2)
     >>> result.table()[["crown_settlement_mm", "horizontal_convergence_mm"]].round(1).to_numpy()
     array([[10., 20.],
            [10., 20.]])
@@ -336,7 +332,8 @@ def _too_little(sections: tuple[Section, Section], seen: float) -> str:
     return (
         ""
         if seen >= LEAST_SEEN
-        else f"{100 * seen:.0f} % of the directions seen in both epochs, {100 * LEAST_SEEN:.0f} % are needed"
+        else f"{100 * seen:.0f} % of the directions seen in both epochs, {100 * LEAST_SEEN:.0f} % "
+        "are needed"
     )
 
 
@@ -388,12 +385,14 @@ def _overlap(axis: Axis, first: np.ndarray, second: np.ndarray) -> tuple[float, 
     start, stop = np.clip([max(ends_1[0], ends_2[0]), min(ends_1[1], ends_2[1])], 0.0, axis.length)
     if not start < stop:
         raise ValueError(
-            f"second: expected an epoch in the unit (m) and system of the first that overlaps with it, got {ends_2[0]:.1f} to "
+            "second: expected an epoch in the unit (m) and system of the first that overlaps with "
+            f"it, got {ends_2[0]:.1f} to "
             f"{ends_2[1]:.1f} m along its axis, beside {ends_1[0]:.1f} to {ends_1[1]:.1f} m"
         )
     if not distance_1 / ALIKE < distance_2 < distance_1 * ALIKE:
         raise ValueError(
-            f"second: expected an epoch in the unit (m) and system of the first, half of whose points lie within {distance_1:.4g} m of its "
+            "second: expected an epoch in the unit (m) and system of the first, half of whose "
+            f"points lie within {distance_1:.4g} m of its "
             f"axis; got {distance_2:.4g} m"
         )
     return float(start), float(stop)
@@ -426,6 +425,7 @@ def _registrations(registration, count: int) -> np.ndarray:
         array = array**2 * np.eye(2)
     if array.shape not in ((2, 2), (count, 2, 2)):
         raise ValueError(
-            f"registration: expected a standard deviation or covariances of shape (2, 2) or ({count}, 2, 2), got {array.shape}"
+            "registration: expected a standard deviation or covariances of shape (2, 2) or "
+            f"({count}, 2, 2), got {array.shape}"
         )
     return np.broadcast_to(array, (count, 2, 2))

@@ -1,15 +1,15 @@
-"""Which points of a tunnel scan are lining: elliptic cylinders by segments, and a surface that the
-lining's own deformation may follow.
+"""Filter of the lining: elliptic cylinders by segments, and a surface that follows deformation.
 
 The paper fits an elliptic cylinder and takes off what lies away from it. Around one cylinder for a
 whole tunnel, and with a fixed limit, that takes off the deformation too. So here
 
 1. the tunnel is straightened along its axis and cut in segments of at most 3 m, each epoch by
-itself; 2. an elliptic cylinder is fitted to each segment, robustly, to one point a pixel so that
-near and far parts count alike; 3. what lies farther from it than ``reach`` is no lining. Through
-the other points goes a smooth surface of residuals
-   (:mod:`analysis.tunnel.lining_surface`), and a point is lining if it lies within ``threshold`` σ
-   of that.
+   itself;
+2. an elliptic cylinder is fitted to each segment, robustly, to one point per pixel so that near and
+   far parts count alike;
+3. points farther from it than ``reach`` are no lining. Through the other points goes a smooth
+   surface of residuals (:mod:`analysis.tunnel.lining_surface`), and a point is lining if it lies
+   within ``threshold`` σ of that.
 
 Points are flagged, never deleted. Source: Li et al. 2015, step 4, for the elliptic cylinder; the
 limit of 3 σ from the median is a reading, because the paper does not print its own. The surface of
@@ -161,7 +161,8 @@ def filter_lining(
     radius, angle, along = _straightened(points, axis)
     if not SMALLEST <= (typical := float(np.median(radius))) <= LARGEST:
         raise ValueError(
-            f"points: expected a tunnel of {SMALLEST:g} to {LARGEST:g} m radius, in m, got {typical:.4g} from the axis"
+            f"points: expected a tunnel of {SMALLEST:g} to {LARGEST:g} m radius, in m, got "
+            f"{typical:.4g} from the axis"
         )
     edges = _edges(along, segment)
     number = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, len(edges) - 2).astype(
@@ -182,7 +183,8 @@ def filter_lining(
             flags[part] = np.where(np.abs(e) <= one.limit, LINING, np.where(e < 0, INSIDE, OUTSIDE))
     if not any(one.converged for one in segments):
         raise ValueError(
-            f"points: expected a segment that can be adjusted, got {len(segments)}, the first {segments[0].stop_reason}"
+            f"points: expected a segment that can be adjusted, got {len(segments)}, the first "
+            f"{segments[0].stop_reason}"
         )
     return FilteredLining(flags, distances, from_cylinder, number, tuple(segments))
 
@@ -213,7 +215,8 @@ def _segment(
     try:
         if len(rho) < FEWEST or end <= start:
             raise ValueError(
-                f"expected at least {FEWEST} points along some length, got {len(rho)} along {end - start:.3g} m"
+                f"expected at least {FEWEST} points along some length, got {len(rho)} along "
+                f"{end - start:.3g} m"
             )
         grid = PixelGrid.of(float(np.median(rho)), start, end, len(rho))
         fit = _cylinder(rho, alpha, w, grid, seed)

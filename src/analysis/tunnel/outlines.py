@@ -114,8 +114,10 @@ def deformation(
     >>> from analysis.surfaces.ellipse import EllipseFit
     >>> def known(a, b):
     ...     x = np.array([0.0, 0.0, (a + b) / 2, (a - b) / 2, 0.0])
-    ...     return EllipseFit("known", x, None, 0.0, None, None, 0, True, "", regular=x, regular_cofactor=np.zeros((5, 5)))
-    >>> change = deformation(known(2.7, 2.7), known(2.71, 2.69), angles=np.deg2rad([0.0, 90.0]), registration=1e-6 * np.eye(2))
+    ...     exact = {"regular": x, "regular_cofactor": np.zeros((5, 5))}
+    ...     return EllipseFit("known", x, None, 0.0, None, None, 0, True, "", **exact)
+    >>> options = {"angles": np.deg2rad([0.0, 90.0]), "registration": 1e-6 * np.eye(2)}
+    >>> change = deformation(known(2.7, 2.7), known(2.71, 2.69), **options)
     >>> (1000 * change.difference).round(6), (1000 * change.standard_deviations).round(6)
     (array([-10.,  10.]), array([1., 1.]))
 
@@ -129,7 +131,8 @@ def deformation(
     parts = [first.regular_covariance, second.regular_covariance]
     if parts[0].shape[:-2] != parts[1].shape[:-2]:
         raise ValueError(
-            f"second: expected outlines of shape {parts[0].shape[:-2]} as the first, got {parts[1].shape[:-2]}"
+            f"second: expected outlines of shape {parts[0].shape[:-2]} as the first, got "
+            f"{parts[1].shape[:-2]}"
         )
     lead = parts[0].shape[:-2]
     pole = np.broadcast_to(_of_shape(pole, lead, (2,), "pole"), lead + (2,))
@@ -243,8 +246,9 @@ def split(change: Deformation, order: int = ORDER) -> Split:
     >>> wave = np.array([[0.001 + 0.002 * np.cos(ANGLES) + 0.003 * np.cos(2 * ANGLES)]]).reshape(-1)
     >>> nothing = np.zeros((len(ANGLES), 1))
     >>> parts = split(Deformation(ANGLES, np.zeros(2), wave, wave, wave, nothing, np.zeros((1, 1))))
-    >>> print(f"{1000 * parts.mean:.3f} {1000 * parts.translation[1]:.3f} {1000 * parts.shape.max():.3f}")
-    1.000 2.000 3.000
+    >>> shown = parts.mean, parts.translation[1], parts.shape[135]
+    >>> [round(1000 * float(part), 3) for part in shown]
+    [1.0, 2.0, 3.0]
     """
     F = fourier_rows(change.angles, order)
     R = _factor(F)
@@ -288,7 +292,8 @@ def _factor(rows: np.ndarray) -> np.ndarray:
     share = np.min(extents[..., -1] / extents[..., 0])
     if not share > 1e-6:
         raise ValueError(
-            f"directions: expected some all around the section, got a condition number of {1 / max(share, 1e-99):.0e}"
+            "directions: expected some all around the section, got a condition number of "
+            f"{1 / max(share, 1e-99):.0e}"
         )
     return R
 
@@ -319,7 +324,8 @@ def residual_profile(
     points = point_array(points, 2, 1, "a profile")
     if points.ndim != 2 or fit.distances.shape != points.shape[:1]:
         raise ValueError(
-            f"points: expected those of the fit, of shape {fit.distances.shape + (2,)}, got {points.shape}"
+            f"points: expected those of the fit, of shape {fit.distances.shape + (2,)}, got "
+            f"{points.shape}"
         )
     u, v = np.moveaxis(points - _of_shape(pole, (), (2,), "pole"), -1, 0)
     alpha = np.arctan2(u, v)

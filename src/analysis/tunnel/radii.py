@@ -105,7 +105,8 @@ def local_radii(section: Section, directions=DIRECTIONS, step: float = STEP) -> 
     >>> from analysis.tunnel.sections import cut
     >>> turn = np.arange(4000) * 2.4
     >>> tube = np.stack([2.7 * np.sin(turn), np.full(4000, 5.0), 2.7 * np.cos(turn)], axis=-1)
-    >>> section, = cut(tube[np.abs(tube[:, 0] - 2.5) > 0.5], straight([0.0, 0.0, 0.0], [0.0, 10.0, 0.0]), [5.0])
+    >>> axis = straight([0.0, 0.0, 0.0], [0.0, 10.0, 0.0])
+    >>> section, = cut(tube[np.abs(tube[:, 0] - 2.5) > 0.5], axis, [5.0])
     >>> radii = local_radii(section, np.radians([0.0, 90.0]))
     >>> radii.radius.round(9), radii.gaps
     (array([2.7, nan]), array([False,  True]))
@@ -145,7 +146,8 @@ def _directions(directions) -> np.ndarray:
     directions = finite_array(directions, "directions")
     if directions.ndim != 1 or directions.size == 0 or np.abs(directions).max() > np.pi + 1e-9:
         raise ValueError(
-            f"directions: expected shape (J,) in rad between −π and π, got shape {directions.shape}, {directions}"
+            "directions: expected shape (J,) in rad between −π and π, got shape "
+            f"{directions.shape}, {directions}"
         )
     return directions
 
@@ -153,7 +155,8 @@ def _directions(directions) -> np.ndarray:
 def _require_points(section: Section) -> None:
     if section.count < FEWEST:
         raise ValueError(
-            f"section at chainage {section.chainage:.3f} m: expected at least {FEWEST} points, got {section.count}; "
+            f"section at chainage {section.chainage:.3f} m: expected at least {FEWEST} points, got "
+            f"{section.count}; "
             "nothing was scanned there"
         )
 

@@ -91,8 +91,10 @@ def register_stations(
     fewer than three targets, targets on a line, other units (millimetres), and swapped axes
     (mirrored frames).
 
-    >>> grid = pd.DataFrame({"target": list("abcd"), "x": [0, 2, 0, 2.0], "y": [0, 0, 9, 9.0], "z": [0, 1, 1, 3.0]})
-    >>> stations = register_stations(grid.assign(station="S1", y=grid["y"] - 100), grid, scanner_sd=0.002, control_sd=0.001)
+    >>> x, y, z = [0, 2, 0, 2.0], [0, 0, 9, 9.0], [0, 1, 1, 3.0]
+    >>> control = pd.DataFrame({"target": list("abcd"), "x": x, "y": y, "z": z})
+    >>> observed = control.assign(station="S1", y=control["y"] - 100)
+    >>> stations = register_stations(observed, control, scanner_sd=0.002, control_sd=0.001)
     >>> stations["S1"].similarity.translation.round(9) + 0
     array([  0., 100.,   0.])
     """
@@ -105,7 +107,8 @@ def register_stations(
         twice = frame.duplicated(key)
         if twice.any():
             raise ValueError(
-                f"{name}: expected each target once, got {' '.join(map(str, frame.loc[twice, key].iloc[0]))} twice"
+                f"{name}: expected each target once, got "
+                f"{' '.join(map(str, frame.loc[twice, key].iloc[0]))} twice"
             )
     errors = {
         "source_cofactors": check_positive(scanner_sd, "scanner_sd") ** 2,
@@ -136,7 +139,8 @@ def _registered(
 ) -> Station:
     if len(targets) < SMALLEST:
         raise ValueError(
-            f"station {name}: expected at least {SMALLEST} targets of the control net, got {len(targets)}"
+            f"station {name}: expected at least {SMALLEST} targets of the control net, got "
+            f"{len(targets)}"
         )
     _require_same_unit(name, source, target)
     options = {**errors, "robust": len(targets) > SMALLEST}
@@ -170,7 +174,8 @@ def _require_same_unit(name: str, source: np.ndarray, target: np.ndarray) -> Non
     ratio = np.median(lengths[0] / np.maximum(lengths[1], np.finfo(float).tiny))
     if not 1 / FACTOR < ratio < FACTOR:
         raise ValueError(
-            f"station {name}: expected metres in both frames, got distances between its targets that are {ratio:.4g} times those "
+            f"station {name}: expected metres in both frames, got distances between its targets "
+            f"that are {ratio:.4g} times those "
             "of the control net (millimetres? other targets?)"
         )
 
@@ -179,7 +184,8 @@ def _require_same_hand(name: str, source: np.ndarray, target: np.ndarray) -> Non
     as_is, mirrored = (_misclosure(source * sign, target) for sign in (1.0, [1.0, 1.0, -1.0]))
     if mirrored < MIRRORED * as_is and as_is > VISIBLE:
         raise ValueError(
-            f"station {name}: expected right-handed frames, got targets that fit only mirrored, to {mirrored:.4f} m against "
+            f"station {name}: expected right-handed frames, got targets that fit only mirrored, to "
+            f"{mirrored:.4f} m against "
             f"{as_is:.4f} m (two axes swapped?)"
         )
 
@@ -272,7 +278,8 @@ def checks(
         for target, r, used in zip(station.targets, fit.residuals, fit.inliers, strict=True):
             if not used:
                 found.append(
-                    f"station {name}: target {target} does not fit the others, by {np.linalg.norm(r):.4f} m; it is not used"
+                    f"station {name}: target {target} does not fit the others, by "
+                    f"{np.linalg.norm(r):.4f} m; it is not used"
                 )
         if len(station.targets) == SMALLEST:
             found.append(f"station {name}: with three targets a wrong one cannot be found")
@@ -281,17 +288,20 @@ def checks(
         redundancy = int(fit.redundancy)
         if redundancy * fit.sigma_0**2 > chi2.isf(error, redundancy):
             found.append(
-                f"station {name}: misclosures are {fit.sigma_0:.2f} times what the standard deviations given allow"
+                f"station {name}: misclosures are {fit.sigma_0:.2f} times what the standard "
+                "deviations given allow"
             )
         if station.free_scale.scale_test > SCALE_LIMIT:
             scale, test = station.free_scale.scale, station.free_scale.scale_test
             found.append(
-                f"station {name}: its scale differs from 1 by {1e6 * (scale - 1):.0f} ppm, {test:.1f} standard deviations"
+                f"station {name}: its scale differs from 1 by {1e6 * (scale - 1):.0f} ppm, "
+                f"{test:.1f} standard deviations"
             )
         roll = np.sqrt(np.linalg.eigvalsh(fit.central_cofactor[3:6, 3:6])[-1])
         if roll * wall > wall_limit:
             found.append(
-                f"station {name}: its targets lie near a line; a rotation is known to {ARCSECONDS * roll:.0f} arc seconds only, "
+                f"station {name}: its targets lie near a line; a rotation is known to "
+                f"{ARCSECONDS * roll:.0f} arc seconds only, "
                 f"{1e3 * roll * wall:.1f} mm at {wall:g} m"
             )
     return found
@@ -319,7 +329,8 @@ def section_errors(similarity: Similarity, points, normals) -> np.ndarray:
     (Winiwarter et al. 2021).
 
     >>> x = np.array([[3.0, 0, 0], [-3, 0, 0], [0, 9, 0], [0, 0, 3]])
-    >>> station = fit_similarity(x, x + [0, 50, 0], scale=False, target_cofactors=0.001**2, absolute=True)
+    >>> known = {"target_cofactors": 0.001**2, "absolute": True}
+    >>> station = fit_similarity(x, x + [0, 50, 0], scale=False, **known)
     >>> G = section_errors(station, x[:2], [[1, 0, 0], [1, 0, 0]])
     >>> sd, sd_of_mean = np.sqrt(np.sum(G**2, axis=1)), np.linalg.norm(G.mean(axis=0))
     >>> bool(np.all(sd_of_mean > 0.9 * sd))
@@ -328,7 +339,8 @@ def section_errors(similarity: Similarity, points, normals) -> np.ndarray:
     points, normals = finite_array(points, "points"), finite_array(normals, "normals")
     if points.shape != normals.shape or points.ndim != 2 or points.shape[-1] != 3:
         raise ValueError(
-            f"points, normals: expected the same shape (n, 3), got {points.shape} and {normals.shape}"
+            f"points, normals: expected the same shape (n, 3), got {points.shape} and "
+            f"{normals.shape}"
         )
     return np.einsum("ni,nik->nk", normals, similarity.common_errors(points))
 
@@ -355,7 +367,8 @@ def check_points(
     coordinates are equally precise); ``scanner_mm``, m less the part of the total station, 0 where
     m is smaller than that.
 
-    >>> table = check_points([[1, 2, 3.003], [1, 4, 2.999], [0, 0, 0.001]], [[1, 2, 3], [1, 4, 3], [0, 0, 0]])
+    >>> surveyed = np.array([[1.0, 2, 3], [1, 4, 3], [0, 0, 0]])
+    >>> table = check_points(surveyed + [[0, 0, 0.003], [0, 0, -0.001], [0, 0, 0.001]], surveyed)
     >>> table["bias_mm"].round(6).tolist()
     [0.0, 0.0, 1.0, 1.0]
     """
@@ -367,7 +380,8 @@ def check_points(
         or len(derived) < 2
     ):
         raise ValueError(
-            f"derived, surveyed: expected the same shape (n, 3) with n ≥ 2, got {derived.shape} and {surveyed.shape}"
+            f"derived, surveyed: expected the same shape (n, 3) with n ≥ 2, got {derived.shape} "
+            f"and {surveyed.shape}"
         )
     n = len(derived)
     difference = 1e3 * (derived - surveyed)

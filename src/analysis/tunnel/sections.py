@@ -98,7 +98,8 @@ def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Sec
     ):
         shown = f"{chainages.min():g} to {chainages.max():g} m" if chainages.size else "none"
         raise ValueError(
-            f"chainages: expected shape (K,) between 0 and the axis' length of {axis.length:.3f} m, got {shown}"
+            f"chainages: expected shape (K,) between 0 and the axis' length of {axis.length:.3f} "
+            f"m, got {shown}"
         )
     y = axis.at_chainage(chainages)
     # The foot points of a plane's points spread along a curve by up to 1/(1 − κρ): twice the

@@ -55,7 +55,8 @@ def differences(first: Radii, second: Radii) -> np.ndarray:
         first.directions, second.directions
     ):
         raise ValueError(
-            f"second: expected radii in the same directions as in the first epoch, got shape {second.radius.shape} "
+            "second: expected radii in the same directions as in the first epoch, got shape "
+            f"{second.radius.shape} "
             f"beside {first.radius.shape}"
             + ("" if first.radius.shape != second.radius.shape else " at other angles")
         )
@@ -221,24 +222,27 @@ def significance(
     ...     J = np.ones(4)
     ...     directions = np.radians([-90.0, 0.0, 90.0, 180.0])
     ...     return Radii(directions, np.array(r), 0.001 * J, 20 * J, 20 * J, J > 1, 0.01 * J)
-    >>> epochs = radii([2.7, 2.7, 2.7, 2.7]), radii([2.7, 2.695, 2.7, 2.705])  # the ring has sunk by 5 mm
+    >>> epochs = radii([2.7, 2.7, 2.7, 2.7]), radii([2.7, 2.695, 2.7, 2.705])  # sunk by 5 mm
     >>> [significance(*epochs, registration=sd).changed for sd in (0.0, 0.003)]
     [True, False]
     """
     delta = differences(first, second)
     if delta.ndim != 1:
         raise ValueError(
-            f"first: expected one radius a direction, got shape {delta.shape}; local_radii gives them"
+            f"first: expected one radius a direction, got shape {delta.shape}; local_radii gives "
+            "them"
         )
     level = check_positive(level, "level")
     seen = ~np.isnan(delta)
     if not seen.any():
         raise ValueError(
-            f"first, second: expected directions that are seen in both epochs, got {delta.size} gaps"
+            f"first, second: expected directions that are seen in both epochs, got {delta.size} "
+            "gaps"
         )
     if not np.all(np.isfinite((first.sd + second.sd)[seen])):
         raise ValueError(
-            "first, second: expected radii with standard deviations, got some without; local_radii gives them"
+            "first, second: expected radii with standard deviations, got some without; local_radii "
+            "gives them"
         )
     A, Sigma = _common_mode(first.directions, 0.5 * (first.radius + second.radius), registration)
     parts = [np.maximum(epoch.sd, ROUNDING) ** 2 for epoch in (first, second)]
@@ -267,13 +271,15 @@ def _common_mode(
         Sigma = Sigma**2 * np.eye(2)
     if Sigma.shape not in ((2, 2), (3, 3)):
         raise ValueError(
-            f"registration: expected a standard deviation, or a covariance matrix (2, 2) or (3, 3), got {registration!r}"
+            "registration: expected a standard deviation, or a covariance matrix (2, 2) or (3, "
+            f"3), got {registration!r}"
         )
     if not np.allclose(Sigma, Sigma.T, rtol=1e-9, atol=0.0) or np.linalg.eigvalsh(Sigma)[
         0
     ] < -1e-9 * np.trace(Sigma):
         raise ValueError(
-            f"registration: expected a symmetric covariance matrix without negative variances, got {registration!r}"
+            "registration: expected a symmetric covariance matrix without negative variances, got "
+            f"{registration!r}"
         )
     sine, cosine, turn = np.sin(directions), np.cos(directions), _relative_slope(directions, radius)
     A = np.stack([sine - turn * cosine, cosine + turn * sine, np.ones_like(sine)], axis=-1)

@@ -230,7 +230,8 @@ def test_another_place_is_refused(quiet, oval):
     for far in ([5e5, 4e6, 0.0], [0.0, 40.0, 0.0]):
         message = refusal(quiet, oval + far, axis=AXIS)
         assert message.startswith(
-            "second: expected an epoch in the unit (m) and system of the first that overlaps with it"
+            "second: expected an epoch in the unit (m) and system of the first that overlaps with "
+            "it"
         )
     message = refusal(quiet, oval + [8.0, 0.0, 0.0], axis=AXIS)
     assert message.startswith("second: ") and re.search(

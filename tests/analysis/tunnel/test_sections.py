@@ -128,7 +128,8 @@ def test_a_section_without_points_comes_back_empty_and_refuses_to_be_read():
     for read in (equal_angles, local_radii):
         with pytest.raises(
             ValueError,
-            match=r"chainage 30.000 m: expected at least 5 points, got 0; nothing was scanned there",
+            match=r"chainage 30.000 m: expected at least 5 points, got 0; nothing was scanned "
+            r"there",
         ):
             read(empty)
 
