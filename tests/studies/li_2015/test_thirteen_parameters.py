@@ -53,9 +53,7 @@ def test_thirteen_parameters_are_the_solution_by_svd_for_any_rotation():
 
 
 def test_thirteen_parameters_find_it_from_a_rotation_nearby_but_not_from_any():
-    """A scanner that looks back along the tunnel, 170° about the vertical: from R = I it converges
-    to a mirrored solution.
-    """
+    """A scanner looks back along the tunnel: from R = I it converges to a mirrored solution."""
     R = rotation(170, (0, 0, 1))
     X = noisy(moved(TARGETS, 1.0, R), 0.002)
     near = thirteen_parameters(TARGETS, X, start=rotation(110, (0, 0, 1)))
