@@ -12,7 +12,7 @@ and the printed parameters.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -25,6 +25,8 @@ from .linalg import solve, unit_weight_sd
 from .problem import CommonCofactors, EIVProblem
 from .steps import misclosures, objective, schaffrin_wieser_step
 from .weights import IGG3, MAD_TO_SD, PRINTED_THRESHOLDS
+
+SCALES = ("rms", "rms_in", "rms_w", "rms_wc", "mad", "unit")
 
 
 class Printed(Protocol):
@@ -117,7 +119,7 @@ def igg3_wtls(
     Source: Ou & Liu 2017, eqs. (11)-(18).
     """
     function = IGG3(check_positive(k0, "k0"), check_positive(k1, "k1"), power)
-    estimate_scale = SCALES[check_one_of(scale, SCALES, "scale")]
+    check_one_of(scale, SCALES, "scale")
     tolerance = check_positive(tolerance, "tolerance")
     base = check_positive(unit_weight, "unit_weight")
     check_one_of(start, ("Q_Y", "P_Y"), "start")
@@ -134,24 +136,25 @@ def igg3_wtls(
     def advance(printed: Printed, state: State):
         # Step 3: a Schaffrin-Wieser step.
         weights = state.next_weights
-        new = schaffrin_wieser_step(printed.problem, state.x, weights, (state.z, state.r))
-        z, r = misclosures(printed.problem, new)
+        x = schaffrin_wieser_step(printed.problem, state.x, weights, (state.z, state.r))
+        new = State(x, *misclosures(printed.problem, x), weights, weights)
         # Steps 4 to 6: distances, their scale, weight factors.
-        distances = printed.distances(new, r)
-        sigma = estimate_scale(printed, new, distances, weights, function)
+        distances = printed.distances(x, new.r)
+        sigma = _scale(scale, printed, new, distances, function)
         factors = function.weight(distances / np.maximum(sigma, np.finfo(float).tiny)[:, None])
         # Step 7: has X changed?
-        moved = printed.step(new - state.x)
-        lost = ~np.isfinite(moved + sigma) | (
-            np.count_nonzero(weights, axis=-1) < problem.parameters
-        )
+        moved = printed.step(x - state.x)
+        in_use = np.count_nonzero(weights, axis=-1)
+        lost = ~np.isfinite(moved + sigma) | (in_use < problem.parameters)
         if history:
-            iterations.append(
-                Iteration(printed.parameters(new)[0], sigma[0] * printed.length[0], weights[0])
-            )
-        new = np.where(lost[:, None], state.x, new)
-        state = State(new, z, r, weights, weights * factors if cumulative else factors)
-        return state, {Ending.TOO_FEW_POINTS: lost, Ending.SMALL_PRINTED_STEP: moved < tolerance}
+            kept = printed.parameters(x)[0], sigma[0] * printed.length[0], weights[0]
+            iterations.append(Iteration(*kept))
+        new = replace(
+            new,
+            x=np.where(lost[:, None], state.x, x),
+            next_weights=weights * factors if cumulative else factors,
+        )
+        return new, {Ending.TOO_FEW_POINTS: lost, Ending.SMALL_PRINTED_STEP: moved < tolerance}
 
     ones = np.ones(cloud.points.shape[:2])
     state = State(x, *misclosures(problem, x), ones, ones)
@@ -170,41 +173,24 @@ def _weighted_solution(problem: EIVProblem, weights: Array) -> Array:
     return solve(N[..., :m], N[..., m:])[..., 0]
 
 
-# The readings of σ in V/σ, each (B,) in units of the clouds' length.
+def _scale(reading: str, printed: Printed, state: State, d: Array, function: IGG3) -> Array:
+    """σ in V/σ as it can be read, (B,) in units of the clouds' length, from distances d (B, n).
 
-
-def _rms_of_all(printed, x, distances, weights, function):
-    return rms(distances)
-
-
-def _rms_in_use(printed, x, distances, weights, function):
-    return rms(distances, where=weights > 0)
-
-
-def _rms_weighted(printed, x, distances, weights, function):
-    return np.sqrt(np.sum(weights * distances**2, axis=-1) / np.sum(weights, axis=-1))
-
-
-def _rms_weighted_consistent(printed, x, distances, weights, function):
-    spread = _rms_weighted(printed, x, distances, weights, function)
-    return spread / np.sqrt(function.consistency_factor)
-
-
-def _mad(printed, x, distances, weights, function):
-    n, redundancy = distances.shape[-1], distances.shape[-1] - printed.problem.parameters
-    return MAD_TO_SD * np.median(np.abs(distances), axis=-1) * n / max(redundancy, 1)
-
-
-def _unit_weight(printed, x, distances, weights, function):
-    redundancy = distances.shape[-1] - printed.problem.parameters
-    return unit_weight_sd(objective(printed.problem, x, weights), redundancy) / printed.length
-
-
-SCALES = {
-    "rms": _rms_of_all,
-    "rms_in": _rms_in_use,
-    "rms_w": _rms_weighted,
-    "rms_wc": _rms_weighted_consistent,
-    "mad": _mad,
-    "unit": _unit_weight,
-}
+    ``state`` holds x that the distances belong to, and the weights that led to it.
+    """
+    n, t, weights = d.shape[-1], printed.problem.parameters, state.weights
+    match reading:
+        case "rms":
+            return rms(d)
+        case "rms_in":
+            return rms(d, where=weights > 0)
+        case "rms_w":
+            return np.sqrt(np.sum(weights * d**2, axis=-1) / np.sum(weights, axis=-1))
+        case "rms_wc":
+            spread = _scale("rms_w", printed, state, d, function)
+            return spread / np.sqrt(function.consistency_factor)
+        case "mad":
+            return MAD_TO_SD * np.median(np.abs(d), axis=-1) * n / max(n - t, 1)
+        case _:  # "unit"
+            phi = objective(printed.problem, state.x, weights)
+            return unit_weight_sd(phi, n - t) / printed.length
