@@ -57,6 +57,8 @@ def geometric(
     origin; a parameter may be fixed. σ0 = √(Σeᵀ Q⁻¹e/(n − t)): in m without cofactors, else
     relative to them.
 
+    Parameters
+    ----------
     bias_correction : take off the bias of second order that equal isotropic noise leaves in the
         free parameters (for a sphere σ̂0²/r of the radius)
 
@@ -86,6 +88,8 @@ def robust(
     share of gross errors, up to nearly half. σ0 is the scale of the points in use: in m without
     cofactors, else relative to them; the cofactor holds the M-estimator's factor ``E[ψ²]/E[ψ′]²``.
 
+    Parameters
+    ----------
     seed : of the elemental samples; the result depends on it only if the start ends at another
         surface
     weight_function : an instance of :class:`~analysis.adjustment.weights.WeightFunction`, or a name

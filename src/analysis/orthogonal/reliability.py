@@ -6,10 +6,8 @@ the cofactor of the distance, ω the weight factor of the fit. With ``g_i = J_i�
     r_i = 1 − ω_i g_i                                            redundancy number, Σ r = n − t
     q_i = 1 − 2 ω_i g_i + J_iᵀN⁻¹ (Σ ω² J Jᵀ/v) N⁻¹J_i/v_i       variance of d_i over σ²v_i
     u_i = d_i/(σ √(v_i q_i))                                     standardised residual
-    MDB_i = δ0 σ √(v_i q_i)/r_i                                  minimal detectable bias along the
-                                                                 normal
-    ∇x_i = −N⁻¹ J_i ω_i/v_i · MDB_i                              external reliability: what it does
-                                                                 to the parameters
+    MDB_i = δ0 σ √(v_i q_i)/r_i                                  minimal detectable bias, along n
+    ∇x_i = −N⁻¹ J_i ω_i/v_i · MDB_i                              external reliability: effect on x
 
 Where ω is 1, q = r and these are Baarda's; where ω is 0 the point has no part in the fit, q = 1 + g
 is the variance of a prediction, and ∇x = 0. Everything is O(n), so that a million points take about
@@ -17,10 +15,9 @@ as long as fitting them.
 
 References
 ----------
-Baarda (1968), A testing procedure for use in geodetic networks, Netherlands Geodetic Commission 2
-(5). Benjamini & Hochberg (1995), Journal of the Royal Statistical Society B 57, 289-300.
-Pope (1976), The statistics of residuals and the detection of outliers, NOAA Technical Report NOS 65
-NGS 1.
+Baarda (1968), A testing procedure for use in geodetic networks, Neth. Geodetic Commission 2 (5).
+Benjamini & Hochberg (1995), Journal of the Royal Statistical Society B 57, 289-300.
+Pope (1976), The statistics of residuals and the detection of outliers, NOAA TR NOS 65 NGS 1.
 """
 
 from __future__ import annotations
@@ -66,6 +63,8 @@ class Reliability:
     def suspects(self, alpha: float = 0.05, correction: str = "bonferroni") -> np.ndarray:
         """(…, n) bool: points whose test fails on the final fit, all tested at once.
 
+        Parameters
+        ----------
         correction : for the number of tests, n of each fit:
             ``none``: every test at level alpha, so alpha·n good points fail;
             ``bonferroni``: any good point fails with probability alpha at most;
@@ -108,9 +107,13 @@ def reliability(
         for one that is not.
     alpha0, power : level of the single test and its power against the minimal bias.
 
-    Raises ``ValueError`` for a fit by another method (its residuals are no distances), shapes that
-    do not belong together, probabilities outside (0, 1) and a non-positive sigma.
+    Raises
+    ------
+    ValueError for a fit by another method (its residuals are no distances), shapes that do not
+    belong together, probabilities outside (0, 1) and a non-positive sigma.
 
+    Example
+    -------
     >>> from analysis.methods import fit_sphere
     >>> directions = np.random.default_rng(7).standard_normal((500, 3))
     >>> points = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -213,14 +216,20 @@ def data_snooping(
 ) -> tuple[Fit, Array]:
     """Baarda's data snooping: leave out the point with the largest failing test, and fit again.
 
+    Parameters
+    ----------
     points : (n, dim), one cloud, few enough to be fitted once for every error in it
     refit : fits what is left, ``refit(points, weights=…)`` or ``cofactors=…`` where they are given
     sigma, alpha0 : as for :func:`reliability`; every test is at level alpha0
     weights, cofactors : (n,) or (n, dim, dim) of the points, or None
 
-    Returns the last fit and (n,) bool, the points it was made from. Several errors that hide one
-    another are not found; for those there is ``robust``.
+    Returns
+    -------
+    The last fit and (n,) bool, the points it was made from. Several errors that hide one another
+    are not found; for those there is ``robust``.
 
+    Example
+    -------
     >>> from analysis.methods import fit_sphere
     >>> points = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0.001], [0, 0.6, -0.8]]])
     >>> points[4] *= 1.3

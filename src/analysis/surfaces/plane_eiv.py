@@ -97,6 +97,8 @@ def wtls(
     These are found from the LS plane, and then again from the plane they gave. σ0 = √(Φ/(n − 3)) is
     the standard deviation of a coordinate at cos θ = 1.
 
+    Parameters
+    ----------
     algorithm : a name from ``ALGORITHMS``; the paper's is a quasi-Newton one, and it does not say
         which
     cosine_at : where the beam meets the plane: ``raw`` at the measured point, as printed, or
@@ -323,8 +325,8 @@ def printed_problem(
 def incidence_cosines(points, plane, station=(0.0, 0.0, 0.0), *, at: str = "raw") -> np.ndarray:
     """``cos θ`` (…, n) of the incidence angles of beams from the station on the plane.
 
-        raw:        cos θ = |a x + b y − z| / (√(a² + b² + 1) |p|)          projected:  cos θ̃ = |c|
-                    / (√(a² + b² + 1) |p̃|)
+        raw:        cos θ = |a x + b y − z| / (√(a² + b² + 1) |p|)
+        projected:  cos θ̃ = |c| / (√(a² + b² + 1) |p̃|)
 
     with p counted from the station, and p̃ the point projected on the plane along its normal. The
     error of a point moves the raw cosine, which then favours errors towards one side; the projected
@@ -332,11 +334,15 @@ def incidence_cosines(points, plane, station=(0.0, 0.0, 0.0), *, at: str = "raw"
 
     Parameters
     ----------
-    points : (…, n, 3) in m; plane : (…, 3) slopes a, b and c in m; station : (3,) in m; at :
-        ``raw`` or ``projected``
+    points : (…, n, 3) in m; plane : (…, 3) slopes a, b and c in m; station : (3,) in m
+    at : ``raw`` or ``projected``
 
-    Raises ``ValueError`` for a point in the station.
+    Raises
+    ------
+    ValueError for a point in the station.
 
+    Example
+    -------
     >>> incidence_cosines([[0.0, 0.0, -2.0], [2.0, 0.0, -2.0]], [0.0, 0.0, -2.0]).round(6)
     array([1.      , 0.707107])
 

@@ -116,6 +116,8 @@ def wtls(
     independent, which makes the weights depend on the coordinate origin. σ0 = √(Φ/(n − 4)) in m is
     the standard deviation of 2x at P_X = 1.
 
+    Parameters
+    ----------
     unit_weight : P_X of every point (times its a-priori weight); it scales σ0 and nothing else.
 
     Source: Ou & Liu 2017, eqs. (8)-(12), (16)-(18); Schaffrin & Wieser 2008.
