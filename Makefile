@@ -66,7 +66,7 @@ $(LAST): $(filter-out $(LAST),$(STAMPS))
 build/notebooks/05_real_spheres.stamp: $(wildcard data/scans/*.xyz)
 
 test: $(ENVIRONMENT) ## style and types; unit tests and doctests; then every notebook run again and compared with its stored output and tables
-	@$(IN_VENV) -m ruff check --quiet --ignore E501
+	@$(IN_VENV) -m ruff check --quiet
 	@$(IN_VENV) -m ruff format --check --quiet
 	@$(IN_VENV) -m mypy
 	@$(IN_VENV) -m pytest $(TOGETHER)

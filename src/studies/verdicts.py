@@ -76,7 +76,8 @@ def _place(number: PrintedNumber | Statement) -> tuple[str, str]:
 def counts(frame: pd.DataFrame) -> pd.DataFrame:
     """Number of printed numbers: one row per paper and one for all, one column per verdict.
 
-    >>> counts(pd.DataFrame({"paper": ["li_2015"], "verdict": ["reproduced"]}))[["paper", "numbers", "reproduced"]].tail(2)
+    >>> found = counts(pd.DataFrame({"paper": ["li_2015"], "verdict": ["reproduced"]}))
+    >>> found[["paper", "numbers", "reproduced"]].tail(2)
                       paper  numbers  reproduced
     2  Li and others (2015)        1           1
     3                   all        1           1
@@ -95,7 +96,10 @@ def headline(frame: pd.DataFrame) -> str:
     """The verdicts counted in two sentences."""
     last = counts(frame).iloc[-1]
     words = "; ".join(f"{last[word]} {word}" for word in last.index[2:] if last[word])
-    settings = f"{frame['setting'].sum()} of those not checkable are settings of an experiment, taken over into ours."
+    settings = (
+        f"{frame['setting'].sum()} of those not checkable are settings of an experiment, "
+        "taken over into ours."
+    )
     return f"{last['numbers']} printed numbers and claims: {words}. {settings}"
 
 

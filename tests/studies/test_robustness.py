@@ -1,4 +1,4 @@
-"""The Monte Carlo studies of notebook 06: that the clouds are what they are said to be, and that the tables count right."""
+"""The Monte Carlo studies of notebook 06: clouds are as they are said to be, tables count right."""
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,7 @@ from studies.robustness.redraws import RADIUS, TARGET, cap_normals, share_interv
 CLEAN = sphere_redraws(20)
 
 
-# ------------------------------------------------------------------------------------------ what the studies share
+# --------------------------------------------------------------------------- what the studies share
 
 
 @pytest.mark.parametrize("half_angle", [30, 90, 180])
@@ -46,7 +46,7 @@ def test_share_interval_is_wilsons():
     np.testing.assert_allclose(high, [3.70, 59.62, 100], atol=0.01)
 
 
-# ------------------------------------------------------------------------------------------------------------ bias
+# --------------------------------------------------------------------------------------------- bias
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_fits_without_a_sphere_are_counted_and_left_out():
     assert table.loc["ls", "failed"] == 0 and np.isfinite(table.loc["ls", "along_mm"])
 
 
-# ------------------------------------------------------------------------------------------------------ efficiency
+# --------------------------------------------------------------------------------------- efficiency
 
 
 def test_efficiency_against_the_theory_of_the_weight_function():
@@ -133,7 +133,7 @@ def test_noise_of_the_efficiency_study_is_normal_and_as_large_as_rounding():
     assert np.std(distances) == pytest.approx(0.01 / np.sqrt(12), rel=0.02)
 
 
-# ------------------------------------------------------------------------------------------------------- breakdown
+# ---------------------------------------------------------------------------------------- breakdown
 
 
 @pytest.mark.parametrize("pattern", breakdown.PATTERNS)
@@ -175,7 +175,7 @@ def test_breakdown_shares_are_counted_right():
     )
 
 
-# -------------------------------------------------------------------------------------------------------- coverage
+# ----------------------------------------------------------------------------------------- coverage
 
 
 @pytest.mark.parametrize("noise", [0.002, LEICA_C10])
@@ -211,7 +211,7 @@ def test_coverage_is_counted_right():
 
 
 def test_the_ellipsoid_is_that_of_fisher():
-    """With the truth on its rim the ellipsoid just holds it: an exactly known fit, moved by hand."""
+    """With the truth on its rim the ellipsoid just holds it: a known fit, moved by hand."""
     points, _ = coverage.clouds(1, 100, 1, 80, 0, 0.001)
     fit = fit_sphere(points, "geometric")
     limit = 4 * 2.466476  # F 0.95 with 4 and 96 degrees of freedom
@@ -234,7 +234,7 @@ def test_what_failed_holds_nothing():
     )
 
 
-# -------------------------------------------------------------------------------------------------------- collapse
+# ----------------------------------------------------------------------------------------- collapse
 
 
 def test_weighted_cumulative_scale_collapses_and_others_do_not():

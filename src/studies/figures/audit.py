@@ -240,7 +240,10 @@ def _key(ax, data: pd.DataFrame) -> None:
         ax.annotate(str(count), (2.3, y), fontsize=8.5, fontweight="bold", va="center", ha="right")
         ax.annotate(WORDS[word], (2.8, y - 0.35), fontsize=7.5, va="top")
         y += 0.9 + 0.75 * len(WORDS[word].splitlines())
-    words = "Grey band: the central 95 % of our\nredraws of the experiment.\nAt the left edge: no redraws."
+    words = (
+        "Grey band: the central 95 % of our\nredraws of the experiment.\nAt the left "
+        "edge: no redraws."
+    )
     ax.annotate(words, (0, y + 0.5), fontsize=7.5, va="top")
     ax.set_xlim(-0.2, 10)
     ax.set_ylim(18, -0.9)

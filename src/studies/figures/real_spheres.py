@@ -211,7 +211,8 @@ def trimming(table: pd.DataFrame, stem: str) -> None:
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncol=3)
     headed(
         figure,
-        "How tightly must a scan be trimmed? Points kept by their distance from the reference sphere",
+        "How tightly must a scan be trimmed? Points kept by their distance from the "
+        "reference sphere",
     )
     publish(
         figure,

@@ -364,7 +364,7 @@ def radius_errors(paper: Numbers) -> list[Relation]:
 
 
 def percentages(paper: Numbers) -> list[Relation]:
-    """The percentages of section 2.2 against table 3; see `table3_relations.relative_radius_error`."""
+    """Percentages of section 2.2 against table 3; see `table3_relations.relative_radius_error`."""
     return [
         table3_relations.relative_radius_error(sample, method, paper)
         for sample, method in product(SAMPLES, LABELS)

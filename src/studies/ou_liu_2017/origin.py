@@ -173,7 +173,7 @@ def study(
 
 
 def by_shift(answers: pd.DataFrame, cloud: str, length: str) -> pd.DataFrame:
-    """One of the lengths of :func:`study` for one cloud, in mm: a row a shift, a column a method."""
+    """A length of :func:`study` for one cloud, mm: one row per shift, one column per method."""
     rows = answers[answers["cloud"] == cloud]
     wide = 1e3 * rows.pivot(index="shift_m", columns="method", values=length)[list(METHODS)]
     return wide.rename(columns=LABELS).reset_index(names="shift/m").rename_axis(columns=None)
@@ -185,7 +185,8 @@ def becomes_ls(answers: pd.DataFrame, cloud: str, method: str, within: float) ->
 
     Raises ValueError if there is none.
 
-    >>> frame = pd.DataFrame({"cloud": "gross", "method": "wtls", "shift_m": [0, 10, 100], "from_ls_m": [0.1, 0.002, 0.0005]})
+    >>> distances = {"shift_m": [0, 10, 100], "from_ls_m": [0.1, 0.002, 0.0005]}
+    >>> frame = pd.DataFrame({"cloud": "gross", "method": "wtls"} | distances)
     >>> becomes_ls(frame, "gross", "wtls", within=0.001)
     100
     """

@@ -231,7 +231,8 @@ def study(
     Raises ``KeyError`` without the cloud ``"clean"``.
 
     >>> from studies.ou_liu_2017.clouds import read_sphere_cloud
-    >>> study({"clean": read_sphere_cloud(gross=False)}, READINGS[2:3])[["reading", "sigma_0_ratio", "matters"]]
+    >>> found = study({"clean": read_sphere_cloud(gross=False)}, READINGS[2:3])
+    >>> found[["reading", "sigma_0_ratio", "matters"]]
       reading  sigma_0_ratio  matters
     0     P_X            0.5  σ0 only
     """
@@ -265,7 +266,7 @@ def reference(clean: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _change(literal: Answer, other: Answer) -> dict:
-    """What changes from the literal to the other answer, at a precision above the rounding errors."""
+    """Changes from the literal to the other answer, at a precision above the rounding errors."""
     change = {
         "center_mm": round(1e3 * float(np.linalg.norm(other.center - literal.center)), 6),
         "radius_mm": round(1e3 * (other.radius - literal.radius), 6),
@@ -403,7 +404,8 @@ def start_as_printed(points: NDArray[np.float64]) -> pd.DataFrame:
 
     An inverse needs a square matrix; a product needs equal inner dimensions.
 
-    >>> print(start_as_printed(np.arange(18.0).reshape(6, 3) ** 2).to_string(index=False, header=False))
+    >>> start = start_as_printed(np.arange(18.0).reshape(6, 3) ** 2)
+    >>> print(start.to_string(index=False, header=False))
          (μA)⁻¹ Aᵀμ Y, as printed  (6 × 4)⁻¹ · (4 × 6) · (6 × 1) no: only a square matrix has an
          inverse
      (μA)⁺ Aᵀμ Y, pseudo-inverse    (4 × 6) · (4 × 6) · (6 × 1)      no: inner dimensions 6 and 4

@@ -59,7 +59,7 @@ def read(scan: str) -> np.ndarray:
 
 
 def reference_distances(points: np.ndarray, scan: str) -> np.ndarray:
-    """Signed distances (n,) of points from the reference sphere of a scan in m, positive outside."""
+    """Distances (n,) of points from the reference sphere of a scan, m, positive outside."""
     return np.linalg.norm(points - REFERENCE_CENTERS[scan], axis=-1) - NOMINAL_RADIUS
 
 

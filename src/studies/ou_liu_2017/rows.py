@@ -102,7 +102,7 @@ def least_sigma_0(clouds: NDArray[np.float64], table: int) -> pd.DataFrame:
 
 
 def _least(good: NDArray[np.float64], spheres: NDArray[np.float64], weigh: bool) -> float:
-    """Least ``√(Σ μ r²/496)`` over clouds and spheres; spheres without a radius take the best one."""
+    """Least ``√(Σ μ r²/496)`` over clouds and spheres; where a radius is missing, the best one."""
     least = np.inf
     for sphere in spheres[~np.isnan(spheres).any(axis=1)]:
         squares = np.sum((good - sphere[:3]) ** 2, axis=-1)
@@ -138,7 +138,8 @@ def sums(
 
         r = |p − k|² − r² = (|q|² − R²) − 2 Δk·q + |Δk|² − (r² − R²)
 
-    >>> total, squares = sums(moments(np.array([[[10.0, 10.0, 3.0], [10.0, 10.0, 4.0]]])), np.array([[10.0, 10.0, 1.0, 2.0]]))
+    >>> points = np.array([[[10.0, 10.0, 3.0], [10.0, 10.0, 4.0]]])
+    >>> total, squares = sums(moments(points), np.array([[10.0, 10.0, 1.0, 2.0]]))
     >>> total.round(9).tolist(), squares.round(9).tolist()
     ([[5.0]], [[25.0]])
     """

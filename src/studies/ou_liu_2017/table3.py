@@ -42,7 +42,10 @@ CENTRE_IS_ASSUMED = "igg3_wtls"  # the method whose printed centres stand for th
 
 # Why a printed number is outside the redraws of the cleaned scans: (method, quantity), or with the
 # sphere where only one is concerned.
-_SHIFTED = "farther from the centre of IGG III-WTLS than noise moves it, as points left in beside the sphere would"
+_SHIFTED = (
+    "farther from the centre of IGG III-WTLS than noise moves it, as points left in "
+    "beside the sphere would"
+)
 _NOT_BY_NOISE = (
     "larger than this noise makes it, as points left in off the sphere would, or a noisier scanner"
 )

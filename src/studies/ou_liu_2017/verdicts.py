@@ -40,7 +40,10 @@ TO_BLAME = {
     "table3/I/igg3_wtls/sigma_s_m": "σs over all points",
     "table3/II/igg3_wtls/sigma_s_m": "σs over all points",
 }
-_MENDS = "contradicts its own row: the printed sphere leaves a larger one, and no other number could mend that alone"
+_MENDS = (
+    "contradicts its own row: the printed sphere leaves a larger one, and no other "
+    "number could mend that alone"
+)
 CENTRES = ("a_m", "b_m", "c_m")
 
 
@@ -95,7 +98,7 @@ def _of_simulation(number: PrintedNumber, results: Results, why: str) -> Judgeme
 
 
 def _of_scans(number: PrintedNumber, results: Results, why: str) -> Judgement:
-    """Table 3 by simulated scans, cleaned; the centre of IGG III-WTLS stands for the truth in them."""
+    """Table 3 by simulated scans, cleaned; the centre of IGG III-WTLS is the truth in them."""
     if number.method == table3.CENTRE_IS_ASSUMED and number.quantity in CENTRES:
         where = "where the target stood is not known; taken as the centre of the simulated scans"
         return Judgement(NOT_CHECKABLE, where, "04_scanned_spheres")
@@ -241,7 +244,8 @@ _TEXT |= {
     ),
     "claim_table2_tls_worst": refuted_if(
         _origin_decides,
-        "true of pure TLS in the printed frame only: moved by 100 m it stays beside LS, and mixed LS-TLS always does",
+        "true of pure TLS in the printed frame only: moved by 100 m it stays beside LS, "
+        "and mixed LS-TLS always does",
         "02_sphere_methods",
     ),
     "claim_table2_tls_reason": holds_if(
@@ -256,12 +260,14 @@ _TEXT |= {
     ),
     "claim_table2_best": refuted_if(
         _igg_scatters_more,
-        "its errors are smallest, but not σs over all points, in most redraws larger than that of LS, and σ0 has other units",
+        "its errors are smallest, but not σs over all points, in most redraws larger "
+        "than that of LS, and σ0 has other units",
         "03_sphere_tables",
     ),
     "claim_table3_clean": refuted_if(
         _not_cleaned,
-        "σs of LS is far above that of clean scans and its radii are too large, as points left in off the sphere make them",
+        "σs of LS is far above that of clean scans and its radii are too large, as "
+        "points left in off the sphere make them",
         "04_scanned_spheres",
     ),
     "claim_table3_ls_tls": holds_if(
@@ -269,7 +275,8 @@ _TEXT |= {
     ),
     "claim_table3_best": refuted_if(
         _not_the_same_points,
-        "σs counts the points in use for one method and all for the others, and the σ0 have other units",
+        "σs counts the points in use for one method and all for the others, and the σ0 "
+        "have other units",
         "04_scanned_spheres",
     ),
     "claim_both_errors": refuted_if(

@@ -46,7 +46,10 @@ def replaced(
     The points replaced at a count stay replaced in the same way at every higher one.
 
     >>> cloud = sphere_redraws(1)
-    >>> few, many = (np.any(replaced(cloud, "one-sided", count, seed=1) != cloud, axis=-1) for count in (5, 9))
+    >>> few, many = (
+    ...     np.any(replaced(cloud, "one-sided", count, seed=1) != cloud, axis=-1)
+    ...     for count in (5, 9)
+    ... )
     >>> int(few.sum()), int(many.sum()), bool(np.all(many[few]))
     (5, 9, True)
     """

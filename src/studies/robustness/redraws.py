@@ -22,8 +22,10 @@ def stacked(
 ) -> tuple[NDArray[np.float64], ...]:
     """The arrays that `draw` makes from the generator of each trial, each stacked to (B, …).
 
-    >>> first, _ = stacked(lambda generator: (generator.uniform(size=2), generator.standard_normal(3)), 5, seed=1)
-    >>> again, _ = stacked(lambda generator: (generator.uniform(size=2), generator.standard_normal(3)), 9, seed=1)
+    >>> def draw(generator):
+    ...     return generator.uniform(size=2), generator.standard_normal(3)
+    >>> first, _ = stacked(draw, 5, seed=1)
+    >>> again, _ = stacked(draw, 9, seed=1)
     >>> first.shape, bool(np.all(first == again[:5]))
     ((5, 2), True)
     """

@@ -116,7 +116,8 @@ def perfect_sigma_0(
     """σ0 in m that the true plane would give in the sense of each method, for points with these
     ``cosines``.
 
-    >>> {name: round(100 * value, 2) for name, value in perfect_sigma_0(np.full(9, 0.25), (0, 0, 1), sigma=0.01).items()}
+    >>> found = perfect_sigma_0(np.full(9, 0.25), (0, 0, 1), sigma=0.01)
+    >>> {name: round(100 * value, 2) for name, value in found.items()}
     {'ls': 2.0, 'tls': 1.41, 'mixed_ls_tls': 2.0, 'wtls': 1.0}
     """
     a, b, c = plane

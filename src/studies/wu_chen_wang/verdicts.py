@@ -26,10 +26,16 @@ PRINTED = {  # id -> how notebook 07 names it
     "sim_sigma0_gain_vs_LS": "gain_vs_ls_percent",
     "sim_sigma0_gain_vs_TLS": "gain_vs_tls_percent",
 }
-_THREE = "σ0 is a vertical residual for LS, orthogonal for TLS, at perpendicular incidence for WTLS; true planes show the same gain"
+_THREE = (
+    "σ0 is a vertical residual for LS, orthogonal for TLS, at perpendicular "
+    "incidence for WTLS; true planes show the same gain"
+)
 _OUTSIDE = "outside what the recovered patch and σ give"
 _FITTED = "; the size of the patch and σ, which are not printed, were found from the five results"
-_PLACE = "the points are not published; height and range of the scanner follow from the two gains, and scans from there have both"
+_PLACE = (
+    "the points are not published; height and range of the scanner follow from the "
+    "two gains, and scans from there have both"
+)
 _NOISE = (
     "neither the points nor the scanner are known; one of the usual precision gives the same size"
 )
@@ -58,7 +64,10 @@ def order(number, results: Results) -> Judgement:
     """
     share = results.one(f"{SIMULATION}_order", "WTLS, TLS, LS/%", parameter="all")
     if share > 50:
-        why = "most experiments have this order, but only against pure TLS; mixed LS-TLS is closer than WTLS"
+        why = (
+            "most experiments have this order, but only against pure TLS; mixed LS-TLS is "
+            "closer than WTLS"
+        )
         return Judgement(CONSISTENT, why, SIMULATION)
     return Judgement(CAUSE, "most experiments have another order", SIMULATION)
 

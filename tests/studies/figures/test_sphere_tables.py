@@ -1,4 +1,4 @@
-"""What the figures of notebook 03 show is what is exported, and that is what the studies returned."""
+"""The figures of notebook 03 show what is exported, and that is what the studies returned."""
 
 import numpy as np
 import pytest
