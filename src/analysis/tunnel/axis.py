@@ -24,8 +24,9 @@ from ..checks import point_array, real_array
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """A tunnel axis: piecewise polynomials x(y), z(y) in the local frame, which continue straight
-    beyond their ends.
+    """A tunnel axis: piecewise polynomials x(y), z(y) in the local frame.
+
+    It continues straight beyond its ends.
 
     origin : (3,) of the local frame, in the system of the points, m
     rotation : (3, 3), rows X, Y, Z; ``local = rotation @ (point − origin)``
@@ -139,8 +140,9 @@ class Axis:
         return y
 
     def foot(self, points) -> np.ndarray:
-        """Local y (n,) of the axis points nearest to points (n, 3): the root of
-        ``(P − p(y))ᵀ τ(y) = 0`` by Newton.
+        """Local y (n,) of the axis points nearest to points (n, 3).
+
+        The root of ``(P − p(y))ᵀ τ(y) = 0``, by Newton.
 
         Li et al. (2015), eqs. (2)-(3), search a list of axis points for it. Memory does not grow
         with n beyond the result.
@@ -152,9 +154,7 @@ class Axis:
         return y
 
     def polar(self, points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Local y of the foot points, radii in m and angles in rad (0 crown, + right) of points (n,
-        3) about their own foot points.
-        """
+        """Local y of the foot points, radii (m) and angles (rad, + right) of points (n, 3)."""
         points = self.to_local(points)
         y = self._feet(points)
         (x, z), slope, _ = self.local_curve(y)
@@ -198,9 +198,7 @@ class Axis:
         return np.sqrt(1.0 + k * k + m * m)
 
     def _arc(self, piece: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Arc length from the beginning of pieces to local y in them: 16 Gauss points, because the
-        speed is smooth.
-        """
+        """Arc length from the beginning of pieces to local y in them: 16 Gauss points per piece."""
         nodes, weights = np.polynomial.legendre.leggauss(16)
         c = np.take(self.coefficients, piece, axis=-1)
         half = 0.5 * (end - self.breaks[piece])
@@ -244,8 +242,7 @@ def straight(start, end) -> Axis:
 
 
 def local_frame(points) -> tuple[np.ndarray, np.ndarray]:
-    """Origin (3,) and rotation (3, 3) of the frame whose Y runs along the main horizontal direction
-    of points (n, 3).
+    """Origin (3,) and rotation (3, 3) of the frame with Y along the tunnel of points (n, 3).
 
     The direction is that of the ground the points cover in cells of 0.5 m, so that the crowd of
     points near a scanner does not weigh more; of its two senses the one whose larger component is

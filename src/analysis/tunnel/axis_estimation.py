@@ -160,8 +160,9 @@ def _slab_centers(
 
 
 def _residuals_of_best_circle(X: np.ndarray, rho: np.ndarray) -> np.ndarray:
-    """Residuals (K, J) of radii (K, J) from the trial circle with the least median |residual|,
-    which half of them cannot spoil.
+    """Residuals (K, J) of radii (K, J) from the trial circle with the least median |residual|.
+
+    Half of the radii cannot spoil it.
 
     Each trial circle goes through three radii; there are trials at all places and of several
     widths.
@@ -182,8 +183,9 @@ def _residuals_of_best_circle(X: np.ndarray, rho: np.ndarray) -> np.ndarray:
 
 
 def _reweighted(X, Y, prior, residuals) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Robust linear regressions of rows Y (B, n), NaN where missing, on a common X (n, t), from
-    starting residuals (B, n).
+    """Robust linear regressions of rows Y (B, n), NaN where missing, on a common X (n, t).
+
+    They begin with residuals (B, n).
 
     Bisquare weights on residuals over their MAD. Returns x (B, t), cofactor (B, t, t), scale (B,)
     and the number of values in use (B,).

@@ -1,5 +1,4 @@
-"""Joint adjustment of the stations of all epochs: targets, control net, level, and the lining that
-neighbours both see.
+"""Joint adjustment of the stations of all epochs: targets, control net, level and lining.
 
 A station registered singly has its own five or so targets and nothing else, and its error is in
 every section it sees. In one adjustment of all stations
@@ -86,8 +85,9 @@ MAX_STEPS = 60
 
 @dataclass(frozen=True, eq=False)
 class Ties:
-    """Mean radii of cells of the lining by station, of one epoch; a row a cell and station, at
-    least two stations a cell.
+    """Mean radii of cells of the lining by station, of one epoch.
+
+    A row per cell and station, at least two stations per cell.
 
     stations : (m,) names
     cells : (m,) numbers of the cells, from 0
@@ -111,8 +111,7 @@ class Ties:
 def surface_ties(
     stations: Mapping[str, Station], scans: Mapping[str, np.ndarray], axis: Axis
 ) -> Ties:
-    """What the stations of one epoch have in common: the mean radius of the lining in cells of 0.2
-    m × 10°.
+    """Ties of the stations of one epoch: mean radii of the lining in cells of 0.2 m × 10°.
 
     Parameters
     ----------
@@ -235,11 +234,10 @@ class Block:
     stop_reason: str = "registered singly"
 
     def shifts(self, point, directions) -> np.ndarray:
-        """Covariance (K d, K d) in m² of what the stations' errors do to a point (3,) in each of
-        ``directions`` (d, 3).
+        """Covariance (K d, K d) in m² of the stations' errors at a point (3,).
 
-        The d shifts of the first station are followed by those of the second and so on: ``J Σ Jᵀ``
-        with ``J = [dᵀ, (a × d)ᵀ]``.
+        In each of ``directions`` (d, 3). The d shifts of the first station are followed by those
+        of the second and so on: ``J Σ Jᵀ`` with ``J = [dᵀ, (a × d)ᵀ]``.
 
         >>> from analysis.similarity import fit_similarity
         >>> x = np.array([[3.0, 0, 0], [-3, 0, 0], [0, 9, 0], [0, 0, 3]])
@@ -368,8 +366,9 @@ def _rows(arms: np.ndarray, directions: np.ndarray) -> np.ndarray:
 def _surveyed(
     stations: Mapping[str, Station], scanner_sd: float, control_sd: float, level_sd: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened rows A (r, 6K + 3M) and observations y (r,) of targets, net and level, for K
-    stations and M control points.
+    """Whitened rows A (r, 6K + 3M) and observations y (r,) of K stations and M control points.
+
+    From targets, net and level.
     """
     net = _net(stations)
     count, points = 6 * len(stations), {name: place for place, name in enumerate(net)}
@@ -470,7 +469,8 @@ class _Lining:
         return cls(*(np.concatenate(arrays) for arrays in zip(nothing, *parts, strict=True)))
 
     def normal(self, weights: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix (6K, 6K) and right side (6K,) with the radii of the cells eliminated;
+        """Normal matrix (6K, 6K) and right side (6K,); the radii of the cells are eliminated.
+
         weights (m,) over σ².
         """
         w, cells = weights * self.precision, int(self.cell.max(initial=0)) + 1
@@ -487,8 +487,9 @@ class _Lining:
         return N, right.ravel() + sums.T @ of_radius
 
     def standardised(self, corrections: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Radii (m,) less the weighted mean of their cell, over the standard deviation of that for
-        σ = 1; corrections (K, 6).
+        """Radii (m,) less the weighted mean of their cell, over its standard deviation for σ = 1.
+
+        corrections (K, 6).
 
         With weights ω and precisions p the variance is ``1/p − 2ω/W + Σpω²/W²``, W = Σpω. A cell in
         which no two stations have kept a weight is judged by the plain mean.

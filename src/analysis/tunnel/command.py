@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from ..export import tables
 from ..reading import read_points
-from .comparison import REGISTRATION_SD, SPACING, STEPS, Comparison, compare
+from .comparison import REGISTRATION_SD, SPACING, STEPS, EpochComparison, compare
 from .sections import THICKNESS
 from .significance import LEVEL, LIMITS, SHARE
 
@@ -147,7 +147,7 @@ def run(options: argparse.Namespace) -> int:
     return 0 if result.converged else 1
 
 
-def _write(result: Comparison, folder: Path) -> list[Path]:
+def _write(result: EpochComparison, folder: Path) -> list[Path]:
     """Tables and figures; returns the tables, beside each of which but the first a figure lies."""
     from ..export.figures import into
     from . import figures  # takes its time to load, which the other commands need not wait for
@@ -166,7 +166,7 @@ def _write(result: Comparison, folder: Path) -> list[Path]:
 
 
 def report(
-    result: Comparison, files: dict[str, str], registration: float, written: list[Path]
+    result: EpochComparison, files: dict[str, str], registration: float, written: list[Path]
 ) -> str:
     """The result for a reader: aligned plain text with units; what is not defined is a dash."""
     axis, table = result.axis, result.table()
@@ -203,7 +203,7 @@ def report(
     return "\n".join(lines + [f"  {path.with_suffix('')}" for path in written[1:]])
 
 
-def record(result: Comparison, files: dict[str, str], written: list[Path]) -> dict:
+def record(result: EpochComparison, files: dict[str, str], written: list[Path]) -> dict:
     """The result for a program, nothing rounded; null for what is not defined."""
     rows = [section.row() for section in result.sections]
     return {

@@ -26,7 +26,7 @@ from ..surfaces.ellipse import EllipseFit
 from .axis import Axis
 from .axis_estimation import robust_axis
 from .filter import FilteredLining, filter_lining
-from .outlines import Deformation, deformation, quantities
+from .outlines import RadialChange, deformation, quantities
 from .radii import DIRECTIONS, Radii, local_radii
 from .radii import FEWEST as FEWEST_RADII
 from .sections import THICKNESS, Section, cut
@@ -69,7 +69,7 @@ class ComparedSection:
     radii: tuple[Radii, Radii]
     significance: Significance | None
     ellipses: tuple[EllipseFit, EllipseFit] | None
-    change: Deformation | None
+    change: RadialChange | None
     registration: np.ndarray
     note: str
 
@@ -94,7 +94,7 @@ class ComparedSection:
         return self.ellipses is None or all(bool(ellipse.converged) for ellipse in self.ellipses)
 
     def row(self) -> dict:
-        """The line of the section in :meth:`Comparison.table`."""
+        """The line of the section in :meth:`EpochComparison.table`."""
         seen = ~np.isnan(self.difference)
         row = {
             "chainage_m": self.chainage,
@@ -144,7 +144,7 @@ class ComparedSection:
         return row | {"note": self.note}
 
     def by_direction(self) -> pd.DataFrame:
-        """The section's rows of :meth:`Comparison.by_direction`."""
+        """The section's rows of :meth:`EpochComparison.by_direction`."""
         frame = pd.DataFrame(
             {
                 "chainage_m": self.chainage,
@@ -162,7 +162,7 @@ class ComparedSection:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class EpochComparison:
     """Two epochs of a tunnel compared.
 
     axis : of the first epoch
@@ -225,7 +225,7 @@ def compare(
     registration=REGISTRATION_SD,
     axis: Axis | None = None,
     report: Callable[[str], None] = lambda step: None,
-) -> Comparison:
+) -> EpochComparison:
     """Compare two epochs of a tunnel.
 
     Parameters
@@ -243,8 +243,8 @@ def compare(
 
     Returns
     -------
-    Comparison. A section of which an epoch shows too little has no ellipses and no change, and says
-    so. Memory beyond the points is some 40 bytes a point and does not grow with the number of
+    EpochComparison. A section of which an epoch shows too little has no ellipses and no change,
+    and says so. Memory beyond the points is some 40 bytes a point and does not grow with the number of
     sections.
 
     Raises
@@ -289,7 +289,7 @@ def compare(
         )
     report(STEPS[-1])
     sections = tuple(_compared(*pair) for pair in zip(*cuts, registrations, strict=True))
-    return Comparison(axis, (linings[0], linings[1]), sections)
+    return EpochComparison(axis, (linings[0], linings[1]), sections)
 
 
 # ---------------------------------------------------------------------------------- a section
@@ -325,7 +325,7 @@ def _compared(first: Section, second: Section, registration: np.ndarray) -> Comp
 
 
 def _too_little(sections: tuple[Section, Section], seen: float) -> str:
-    """What is missing for ellipses, or nothing."""
+    """Reason why ellipses cannot be fitted; empty where they can."""
     for name, section in zip(("first", "second"), sections, strict=True):
         if section.count < FEWEST:
             return f"{section.count} points of lining in the {name} epoch, {FEWEST} are needed"

@@ -1,5 +1,4 @@
-"""Two epochs of a tunnel compared: the lining unrolled, one section, and the course along the
-tunnel.
+"""Figures of two epochs of a tunnel: the lining unrolled, one section, the course along the tunnel.
 
 Shared by the notebooks on the tunnel and by ``python -m analysis tunnel``. Every function draws
 from what
@@ -17,7 +16,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch, Rectangle
 
 from ..export.figures import GREY, TRUTH, Publish, headed, new
-from .comparison import ComparedSection, Comparison
+from .comparison import ComparedSection, EpochComparison
 from .outlines import TWO_SIDED
 from .significance import CLASSES
 
@@ -40,12 +39,13 @@ QUANTITIES = {
 DRAWN = 0.2  # of the section's radius is the largest change drawn
 
 
-def changes(comparison: Comparison, stem: str, *, publish: Publish) -> None:
-    """The lining unrolled, direction by chainage: above the classes by the limits of 6 and 12 mm,
-    below what is significant.
+def changes(comparison: EpochComparison, stem: str, *, publish: Publish) -> None:
+    """The lining unrolled, direction by chainage: classes above, significant changes below.
 
-    Exports :meth:`Comparison.by_direction`. (The classes and their colours: figure 7 of Li et al.
-    2015.)
+    The classes have the limits of 6 and 12 mm.
+
+    Exports :meth:`EpochComparison.by_direction`. (The classes and their colours: figure 7 of Li et
+    al. 2015.)
     """
     data = comparison.by_direction()
     chainages = np.array([section.chainage for section in comparison.sections])
@@ -115,8 +115,9 @@ def section(
     truth: tuple[np.ndarray, np.ndarray] | None = None,
     publish: Publish,
 ) -> None:
-    """One section: its outlines with the change exaggerated, and Δρ(α) with its 95 % band beside
-    the directly measured changes.
+    """One section: its outlines with the change exaggerated, and Δρ(α) with its 95 % band.
+
+    Beside the band: the directly measured changes.
 
     truth : (K,) directions in rad and (K,) radial changes in m, drawn as well where they are known
 
@@ -139,10 +140,9 @@ def section(
 
 
 def along(
-    comparison: Comparison, stem: str, *, truth: pd.DataFrame | None = None, publish: Publish
+    comparison: EpochComparison, stem: str, *, truth: pd.DataFrame | None = None, publish: Publish
 ) -> None:
-    """Crown settlement and horizontal convergence of the sections along the tunnel, with 95 % error
-    bars.
+    """Crown settlement and horizontal convergence along the tunnel, with 95 % error bars.
 
     truth : columns `chainage_m`, `crown_settlement_mm`, `horizontal_convergence_mm`, drawn as lines
         where they are known
@@ -197,9 +197,7 @@ def along(
 
 
 def _half_widths(chainages: np.ndarray) -> np.ndarray:
-    """0.4 times the way to the nearest other section, so that what lies between sections stays
-    empty.
-    """
+    """0.4 times the distance to the nearest other section: between sections it stays empty."""
     if len(chainages) == 1:
         return np.array([0.5])
     order = np.argsort(chainages)
@@ -218,9 +216,7 @@ def _edges(degrees: np.ndarray) -> np.ndarray:
 
 
 def _outlines(ax, compared: ComparedSection, data: pd.DataFrame) -> float:
-    """Both outlines, the change of the second exaggerated so that it is seen; by how much is
-    returned.
-    """
+    """Draw both outlines, the change of the second exaggerated, and return by how much."""
     alpha = np.radians(data["angle_deg"].to_numpy())
     change, known = (
         1e-3 * data[name].to_numpy() for name in ("difference_mm", "ellipse_difference_mm")
@@ -255,9 +251,7 @@ def _outlines(ax, compared: ComparedSection, data: pd.DataFrame) -> float:
 
 
 def _profile(ax, data: pd.DataFrame) -> None:
-    """Δρ(α): measured by direction, of the ellipses with their band, what is detectable, and the
-    truth.
-    """
+    """Draw Δρ(α): measured by direction, of the ellipses with their band, detectable, and true."""
     degrees = data["angle_deg"]
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
     for name in CLASSES:

@@ -39,7 +39,7 @@ SURFACES = ("local", "cylinder")
 
 
 class TunnelAxis(Protocol):
-    """What the filter asks of an axis, for points (n, 3)."""
+    """Axis as the filter needs it, for points (n, 3)."""
 
     # y of their foot points, radius in m and angle in rad (0 crown, + right) about these, each (n,)
     def polar(self, points): ...
@@ -209,9 +209,7 @@ def _edges(along: np.ndarray, segment: float) -> np.ndarray:
 def _segment(
     rho, alpha, w, start, end, threshold, surface, reach, seed
 ) -> tuple[Segment, np.ndarray, np.ndarray]:
-    """The segment, and the distances of its points from the cylinder and from the surface that
-    decides.
-    """
+    """The segment, and distances of its points from the cylinder and from the deciding surface."""
     try:
         if len(rho) < FEWEST or end <= start:
             raise ValueError(

@@ -6,9 +6,7 @@ import numpy as np
 
 
 def group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Median of the values (n,), none negative, of each of ``count`` groups; NaN where there are
-    none.
-    """
+    """Median of the values (n,), ≥ 0, of each of ``count`` groups; NaN for empty groups."""
     # One number sorts faster than two.
     order = np.argsort(group + 0.5 * values / max(values.max(), np.finfo(float).tiny))
     values = values[order]

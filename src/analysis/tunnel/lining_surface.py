@@ -1,5 +1,4 @@
-"""A smooth surface of radial residuals over a piece of lining, fitted so that what is fixed to the
-lining does not pull it.
+"""A smooth surface of radial residuals over a piece of lining, not pulled by what is fixed to it.
 
 The surface s(α, w) is a tensor product of cubic B-splines, periodic in α. Their knots are half a
 metre apart: a dent of the lining is wider than that and is followed, a cable or a lamp is narrower
@@ -101,9 +100,7 @@ class PixelGrid:
         return below * (1.0 - x) + (flat[second] * (1.0 - y) + flat[second + 1] * y) * x
 
     def smoothed(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Values (Pα, Pw) of the spline that fits ``values`` with ``weights`` by least squares, at
-        the pixel centres.
-        """
+        """Weighted least-squares spline of ``values`` at the pixel centres, (Pα, Pw)."""
         across, along, lower, diagonal, column = self._equations
         k, m = self.across.shape[1], self.along.shape[1]
         N = np.zeros((diagonal.max() + 1, k * m))  # the diagonals of its lower half
@@ -115,9 +112,7 @@ class PixelGrid:
 
     @cached_property
     def _equations(self) -> tuple[csr_array, csr_array, np.ndarray, np.ndarray, np.ndarray]:
-        """For the normal matrix: products of basis functions across and along, which of their
-        products lie in its lower half, and where.
-        """
+        """Products of basis functions and their places in the lower half of the normal matrix."""
         (p, q), across = _overlapping(self.across)
         (r, s), along = _overlapping(self.along)
         m = self.along.shape[1]
@@ -140,8 +135,9 @@ def _open_basis(x: np.ndarray, intervals: int) -> csr_array:
 
 
 def _periodic_basis(x: np.ndarray, intervals: int) -> csr_array:
-    """The same, periodic: (n, intervals), in the order 0, −1, 1, −2, … in which neighbours on the
-    ring stay near one another.
+    """Periodic cubic B-splines at x, (n, intervals).
+
+    In the order 0, −1, 1, −2, …, in which neighbours on the ring stay near one another.
     """
     basis = _open_basis(x, intervals).toarray()
     basis[:, :3] += basis[:, -3:]
@@ -159,9 +155,7 @@ def median_scale(residuals: np.ndarray) -> float:
 
 
 def fitted(grid: PixelGrid, pixel: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """The surface at the pixel centres, (Pα, Pw), of residuals d (n,) of points in the given
-    pixels.
-    """
+    """The surface at the pixel centres, (Pα, Pw), of residuals d (n,) of points in given pixels."""
     count = np.prod(grid.shape)
     surface = np.zeros(count)
     for step in range(MEDIAN_STEPS + STEPS):

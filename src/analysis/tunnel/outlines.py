@@ -1,5 +1,4 @@
-"""What a section has become from one epoch to the next: polar radii compared, with their standard
-deviations.
+"""Change of a section between two epochs: polar radii compared, with standard deviations.
 
     Δρ(α) = ρ₂(α) − ρ₁(α),   point (u, v) = pole + ρ (sin α, cos α)                     (Li et al.
     2015, section 3.4.3)
@@ -36,7 +35,7 @@ TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % at the nor
 
 
 @dataclass(frozen=True, eq=False)
-class Deformation:
+class RadialChange:
     """Radial change of sections (…) between two epochs.
 
     angles : (K,) rad, 0 at the crown, positive to the right
@@ -62,22 +61,23 @@ class Deformation:
         )
 
     def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bound (…, K) in m of the interval that holds a true Δρ with this
-        probability, each direction by itself.
+        """Lower and upper bound (…, K) in m that hold a true Δρ with probability ``level``.
+
+        Each direction by itself.
         """
         half = norm.ppf(0.5 + 0.5 * _probability(level, "level")) * self.standard_deviations
         return self.difference - half, self.difference + half
 
     def combination(self, weights) -> tuple[np.ndarray, np.ndarray]:
-        """Values (…, F) of the sums ``Σ weights Δρ``, weights (F, K), and their covariance (…, F,
-        F).
-        """
+        """Values (…, F) of ``Σ weights Δρ``, weights (F, K), and their covariance (…, F, F)."""
         weights = np.asarray(weights, dtype=float)
         return self.difference @ weights.T, propagate(self.covariance, weights @ self.gradient)
 
     def table(self) -> pd.DataFrame:
-        """A row a section and direction: `section`, `angle_deg`, radii in m, `difference_mm` and
-        its `standard_deviation_mm`.
+        """A row per section and direction: radii in m, difference and standard deviation in mm.
+
+        Columns `section`, `angle_deg`, `first_m`, `second_m`, `difference_mm`,
+        `standard_deviation_mm`.
         """
         count = len(self.angles)
         sections = self.difference.size // count
@@ -95,7 +95,7 @@ class Deformation:
 
 def deformation(
     first: EllipseFit, second: EllipseFit, *, pole=None, angles=ANGLES, registration=None
-) -> Deformation:
+) -> RadialChange:
     """Δρ(α) of the outlines of two epochs, in one frame, with everything needed for its covariance.
 
     Parameters
@@ -151,7 +151,7 @@ def deformation(
         stop = start + part.shape[-1]
         covariance[..., start:stop, start:stop] = part
         start = stop
-    return Deformation(angles, pole, radii_1, radii_2, radii_2 - radii_1, gradient, covariance)
+    return RadialChange(angles, pole, radii_1, radii_2, radii_2 - radii_1, gradient, covariance)
 
 
 # ------------------------------------------------------------------------ what is read from it
@@ -160,7 +160,7 @@ def deformation(
 def quantities(
     first: EllipseFit, second: EllipseFit, *, pole=None, registration=None
 ) -> pd.DataFrame:
-    """The numbers a tunnel is judged by, with standard deviations; a row a section and quantity.
+    """Convergences, settlement and ovality, with standard deviations.
 
     - ``horizontal convergence`` ΔH = Δρ(90°) + Δρ(−90°), positive when the section widens;
     - ``crown settlement`` −Δρ(0°), positive downwards;
@@ -202,8 +202,9 @@ def quantities(
 
 
 def ovality(fit: EllipseFit) -> tuple[np.ndarray, np.ndarray]:
-    """(a − b)/r̄, r̄ = (a + b)/2, and its standard deviation to first order, (…): good where a − b
-    is several times as large.
+    """(a − b)/r̄, r̄ = (a + b)/2, and its standard deviation to first order, (…).
+
+    Good where a − b is several times as large as that.
     """
     m, g, h = np.moveaxis(fit.regular[..., 2:], -1, 0)
     half = np.hypot(g, h)
@@ -216,8 +217,7 @@ def ovality(fit: EllipseFit) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Δρ(α) of sections (…) as a mean change, a motion of the ring as a whole, and a change of
-    shape; m.
+    """Δρ(α) of sections (…) as a mean change, a motion of the ring, and a change of shape; m.
 
     mean : (…) mean change of the radius c0
     translation : (…, 2) motion of the ring (u, v) = (s1, c1), its `translation_covariance` (…, 2,
@@ -233,9 +233,10 @@ class Split:
     shape: np.ndarray
 
 
-def split(change: Deformation, order: int = ORDER) -> Split:
-    """Divide Δρ(α) into mean, rigid and shape part by ``c0 + Σ_k (c_k cos kα + s_k sin kα)``, k ≤
-    order, over its directions.
+def split(change: RadialChange, order: int = ORDER) -> Split:
+    """Divide Δρ(α) into mean, rigid and shape part by a Fourier series over its directions.
+
+    ``c0 + Σ_k (c_k cos kα + s_k sin kα)``, k ≤ order.
 
     Registration error is a motion, too: it is in the rigid part and its covariance, and hardly in
     the shape.
@@ -244,8 +245,8 @@ def split(change: Deformation, order: int = ORDER) -> Split:
     that they do not tell the terms apart.
 
     >>> wave = np.array([[0.001 + 0.002 * np.cos(ANGLES) + 0.003 * np.cos(2 * ANGLES)]]).reshape(-1)
-    >>> nothing = np.zeros((len(ANGLES), 1))
-    >>> parts = split(Deformation(ANGLES, np.zeros(2), wave, wave, wave, nothing, np.zeros((1, 1))))
+    >>> nothing, exact = np.zeros((len(ANGLES), 1)), np.zeros((1, 1))
+    >>> parts = split(RadialChange(ANGLES, np.zeros(2), wave, wave, wave, nothing, exact))
     >>> shown = parts.mean, parts.translation[1], parts.shape[135]
     >>> [round(1000 * float(part), 3) for part in shown]
     [1.0, 2.0, 3.0]
@@ -310,8 +311,7 @@ def residual_profile(
     half_width: float = np.deg2rad(2.0),
     minimum: int = 5,
 ) -> pd.DataFrame:
-    """What one section's ellipse leaves, by direction: the median signed distance of all points
-    near each direction.
+    """Residuals of one section from its ellipse: median signed distance by direction.
 
     points : (n, 2) m, those of the fit; pole : (2,); half_width : rad, of a cell; minimum : points,
         fewer make a gap (NaN)
@@ -350,8 +350,9 @@ def residual_profile(
 
 
 def _median(values: np.ndarray) -> tuple[float, float]:
-    """Median and its standard deviation: how many of n values lie below the true one is binomial,
-    with n/2 ± √n/2.
+    """Median and its standard deviation.
+
+    How many of n values lie below the true one is binomial, with n/2 ± √n/2.
     """
     ordered, count = np.sort(values), len(values)
     half = 0.5 * TWO_SIDED * np.sqrt(count)
@@ -363,8 +364,7 @@ def _median(values: np.ndarray) -> tuple[float, float]:
 
 
 def hidden_deformation(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
-    """What two ellipses hide: the change of the residual profiles between the epochs, with its
-    standard deviation.
+    """Deformation that two ellipses hide: the change of the residual profiles between the epochs.
 
     first, second : of :func:`residual_profile` for the same directions. What stands in both epochs,
         such as a cable tray or a

@@ -63,8 +63,9 @@ class Radii:
 
 
 def equal_angles(section: Section, directions=DIRECTIONS, step: float = STEP) -> Radii:
-    """Radii in given directions as printed: the nearest point in each of three sub-planes, else an
-    interpolated one.
+    """Radii in given directions as printed: the nearest point in each of three sub-planes.
+
+    Where there is none, an interpolated one.
 
     The sub-planes lie at w = −d/2, 0 and d/2; each takes the points within d/4 of it. A direction's
     point is the one nearest in angle within ``step``/2. Where there is none, a quadratic through
@@ -87,8 +88,9 @@ def equal_angles(section: Section, directions=DIRECTIONS, step: float = STEP) ->
 
 
 def local_radii(section: Section, directions=DIRECTIONS, step: float = STEP) -> Radii:
-    """Radii in given directions by a robust quadratic ``ρ = c₀ + c₁ x + c₂ x²``, x = α − α_j,
-    through the points around each.
+    """Radii in given directions by a robust quadratic through the points around each.
+
+    ``ρ = c₀ + c₁ x + c₂ x²``, x = α − α_j.
 
     The points within ``step``/2 of a direction if they are 8 or more, on both sides, and so placed
     that c₀ is worth 2 of them; else those of the narrowest neighbourhood, growing by half steps to
@@ -197,9 +199,7 @@ def _reach(
 def _bounds(
     alpha: np.ndarray, directions: np.ndarray, half
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First point within ``half`` of each direction, the first at or right of it, and one past the
-    last.
-    """
+    """First point within ``half`` of each direction, first at or right of it, past the last."""
     return (
         np.searchsorted(alpha, directions - half),
         np.searchsorted(alpha, directions),
@@ -208,7 +208,7 @@ def _bounds(
 
 
 def _nearest(around, directions, step) -> tuple[np.ndarray, ...]:
-    """What :class:`Radii` holds after the directions, for one sub-plane."""
+    """Fields of :class:`Radii` after the directions, for one sub-plane."""
     alpha, rho = around
     reach = _reach(around, directions, step, 2.0 * step, FEWEST, LEAST_WORTH)
     usable = ~np.isnan(reach)
@@ -230,8 +230,7 @@ def _nearest(around, directions, step) -> tuple[np.ndarray, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Local:
-    """The points of all neighbourhoods one after the other, for adjustments in all directions at
-    once.
+    """The points of all neighbourhoods one after the other: all directions are adjusted at once.
 
     owner : (m,) direction of each; powers : (5, m) of its angle from there over the half width; rho
         : (m,)
@@ -262,9 +261,7 @@ class _Local:
         return np.bincount(self.owner, values, minlength=self.directions).astype(float, copy=False)
 
     def adjusted(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Normal matrices (J, 3, 3), quadratics (J, 3) and residuals (m,); NaN where there are no
-        points.
-        """
+        """Normal matrices (J, 3, 3), quadratics (J, 3) and residuals (m,); NaN without points."""
         count = self.sums(np.ones_like(self.rho))
         middle = self.sums(self.rho) / np.where(count > 0, count, np.nan)
         rho = self.rho - middle[self.owner]  # so that little is lost in the sums
@@ -281,9 +278,7 @@ class _Local:
         return N, c, residuals
 
     def least_absolute(self) -> np.ndarray:
-        """Residuals (m,) of least absolute deviations: least squares with weights 1/|residual|,
-        again and again.
-        """
+        """Residuals (m,) of least absolute deviations, by repeated weights 1/|residual|."""
         residuals = self.adjusted(np.ones_like(self.rho))[2]
         for _ in range(20):
             residuals = self.adjusted(1.0 / np.maximum(np.abs(residuals), 1e-5))[2]
@@ -293,8 +288,9 @@ class _Local:
 def _bisquare(
     local: _Local, residuals: np.ndarray, scale: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Normal matrices, quadratics, residuals and weights of the M-estimate with a fixed scale, from
-    starting residuals.
+    """Normal matrices, quadratics, residuals and weights of the M-estimate with a fixed scale.
+
+    It begins with the residuals given.
     """
     weights = BISQUARE.weight(residuals / scale)
     for _ in range(50):
@@ -306,9 +302,7 @@ def _bisquare(
 
 
 def _worth(N: np.ndarray) -> np.ndarray:
-    """(J,) variance of a point over that of c₀: how many points the estimate is worth; 0 where
-    there is none.
-    """
+    """Effective number of points (J,): the variance of a point over that of c₀; 0 for no points."""
     first = np.zeros((len(N), COEFFICIENTS, 1))
     first[:, 0] = 1.0
     cofactor = solve(N, first)[:, 0, 0]
@@ -316,8 +310,9 @@ def _worth(N: np.ndarray) -> np.ndarray:
 
 
 def _common_scale(local: _Local, residuals: np.ndarray) -> float:
-    """Standard deviation of a point from the residuals of all directions, less the three smallest
-    of each, which a quadratic can make 0.
+    """Standard deviation of a point from the residuals of all directions.
+
+    Less the three smallest of each direction, which a quadratic can make 0.
     """
     size = np.abs(residuals)
     order = np.lexsort((size, local.owner))

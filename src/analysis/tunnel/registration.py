@@ -1,5 +1,4 @@
-"""Registration of scanner stations by targets: seven parameters a station, and what their error
-does to sections.
+"""Registration of scanner stations by targets: seven parameters per station, and their errors.
 
 The targets seen from a station are known in its own frame from the scan and in the project's from
 the control net. All points of a station share the error of its registration, so it does not average
@@ -200,8 +199,9 @@ def _misclosure(source: np.ndarray, target: np.ndarray) -> float:
 
 
 def residual_table(stations: dict[str, Station]) -> pd.DataFrame:
-    """Misclosures of all targets: station, target, ``dx_mm dy_mm dz_mm d_mm`` (control net less
-    transformed), ``weight``, ``in_use``.
+    """Misclosures of all targets, control net less transformed.
+
+    Columns: station, target, ``dx_mm dy_mm dz_mm d_mm``, ``weight``, ``in_use``.
     """
     parts = []
     for station in stations.values():
@@ -311,8 +311,7 @@ def checks(
 
 
 def section_errors(similarity: Similarity, points, normals) -> np.ndarray:
-    """What a station's registration error does to the points of a section along their normals, (n,
-    7) in m.
+    """Errors of a section's points along their normals by a station's registration, (n, 7) in m.
 
     Column k holds the shifts of all points by one standard deviation of one of seven independent
     sources of error, so ``G`` gives the n × n covariance ``G Gᵀ`` without writing it down. A

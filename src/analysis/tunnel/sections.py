@@ -64,8 +64,9 @@ class Section:
 
 
 def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Section]:
-    """Sections of ``points`` (n, 3) at ``chainages`` (K,) of the axis, all points within
-    ``thickness``/2 of each plane.
+    """Sections of ``points`` (n, 3) at ``chainages`` (K,) of the axis.
+
+    Each holds all points within ``thickness``/2 of its plane.
 
     One pass finds foot points, block by block; what lies near a section is sorted once by its foot
     point and each section takes its points from there by binary search: O(n + m log m), memory for
@@ -133,8 +134,9 @@ def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Sec
 def _near(
     points: np.ndarray, axis: Axis, y: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the points whose foot point is within ``reach`` of one of ``y`` (ascending), and
-    these foot points, ascending.
+    """Indices and foot points, ascending, of the points near one of ``y``.
+
+    Near: with the foot point within ``reach`` of it; ``y`` ascends.
     """
     indices, feet = [np.empty(0, dtype=np.int64)], [np.empty(0)]
     for piece in pieces(len(points), 2**20):

@@ -1,5 +1,4 @@
-"""What has changed in a section between two epochs: differences of radii, classed as printed and
-tested for significance.
+"""Significance of the change of a section: differences of radii, classed as printed and tested.
 
 Both epochs are read off in the same directions about the same axis, that of the first epoch. A
 difference is positive where the lining has moved outwards.
@@ -44,8 +43,9 @@ LARGEST_NORMAL = 37.0  # standard deviations; beyond, probabilities are below th
 
 
 def differences(first: Radii, second: Radii) -> np.ndarray:
-    """``δ_j = ρ_j(second epoch) − ρ_j(first epoch)``, m, of the shape of the radii; NaN where
-    either epoch has a gap.
+    """``δ_j = ρ_j(second epoch) − ρ_j(first epoch)``, m; NaN where either epoch has a gap.
+
+    Of the shape of the radii.
 
     Raises ``ValueError`` when the directions differ.
 
@@ -64,8 +64,9 @@ def differences(first: Radii, second: Radii) -> np.ndarray:
 
 
 def classes(delta, limits: Sequence[float] = LIMITS) -> np.ndarray:
-    """Class of each difference: black ``|δ| ≤ 6 mm``, blue ``6 mm < |δ| ≤ 12 mm``, red
-    ``|δ| > 12 mm``, or gap.
+    """Class of each difference: black, blue, red, or gap.
+
+    black ``|δ| ≤ 6 mm``, blue ``6 mm < |δ| ≤ 12 mm``, red ``|δ| > 12 mm``.
 
     The text puts 12 mm exactly into both blue and red; here it is blue.
 
@@ -97,8 +98,9 @@ def share_beyond(delta, limit: float = LIMITS[0]) -> float:
 
 
 def flagged(delta, *, share: float = SHARE, limit: float = LIMITS[0]) -> bool:
-    """Whether a section is to be analysed further: the share of its directions seen that is beyond
-    ``limit`` exceeds ``share``.
+    """Whether a section is to be analysed further: more than ``share`` of it is beyond ``limit``.
+
+    Of the directions seen in both epochs.
 
     Not where less than a quarter of the directions is seen in both epochs: of a handful the noise
     of single points makes any share. :func:`significance` knows how little few directions say and
@@ -127,7 +129,7 @@ def _limits(limits) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Significance:
-    """Differences of one section with what they are worth; arrays (J,), NaN at gaps.
+    """Differences of one section and their significance; arrays (J,), NaN at gaps.
 
     The section as a whole is tested twice, at half the level each: for a motion, and for what is
     left without one.
@@ -154,8 +156,9 @@ class Significance:
 
     @property
     def p_value(self) -> float:
-        """``min(1, 2 min(p_motion, p_shape))``: of a section without deformation at most as often
-        below α as α (Bonferroni).
+        """``min(1, 2 min(p_motion, p_shape))`` (Bonferroni).
+
+        Of a section without deformation it is below α at most as often as α.
         """
         return min(1.0, 2.0 * min(self.p_motion, self.p_shape))
 
@@ -287,8 +290,9 @@ def _common_mode(
 
 
 def _relative_slope(a: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """(dρ/dα)/ρ (J,) of a smooth curve through the radii, because their own slope is noise; 0 for
-    too few to draw a curve through.
+    """(dρ/dα)/ρ (J,) of a smooth curve through the radii; 0 for too few radii.
+
+    Their own slope is noise.
     """
     seen = ~np.isnan(radius)
     curve = np.stack([np.ones_like(a), np.sin(a), np.cos(a), np.sin(2 * a), np.cos(2 * a)], axis=-1)
@@ -302,17 +306,13 @@ def _relative_slope(a: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
 
 def _welch(variances, freedoms, exact) -> np.ndarray:
-    """Welch's degrees of freedom of a sum of two estimated variances and an ``exact`` one; NaN
-    where one is missing.
-    """
+    """Welch's degrees of freedom of two estimated variances and an ``exact`` one."""
     total = variances[0] + variances[1] + exact
     return total**2 / (variances[0] ** 2 / freedoms[0] + variances[1] ** 2 / freedoms[1])
 
 
 def _disjoint(directions: np.ndarray, reach: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """As many directions as possible whose neighbourhoods do not overlap, by the earliest end
-    first.
-    """
+    """Directions whose neighbourhoods do not overlap, as many as possible."""
     chosen = np.zeros(len(directions), dtype=bool)
     start, end = directions - reach - 1e-9, directions + reach
     free, once_around = -np.inf, np.inf
@@ -330,9 +330,7 @@ def _basis(A: np.ndarray) -> np.ndarray:
 
 
 def _motion(delta, variance, freedom, root, A, Sigma) -> float:
-    """Probability of so large a motion by noise and registration error; ``root`` (m,) of the
-    weights.
-    """
+    """Probability of so large a motion by noise and registration error."""
     Q = _basis(root[:, None] * A)
     y, components, common = (
         Q.T @ (root * delta),
@@ -349,8 +347,9 @@ def _motion(delta, variance, freedom, root, A, Sigma) -> float:
 
 
 def _shape(delta, variance, freedom, basis) -> float:
-    """Probability of so large differences beside any motion, which ``basis`` (m, p) spans. D hangs
-    on what t̂ leaves, so in turn.
+    """Probability of so large differences beside any motion, which ``basis`` (m, p) spans.
+
+    D depends on the residuals after t̂, so both are updated alternately.
     """
     redundancy = len(delta) - basis.shape[1]
     if redundancy == 0:

@@ -20,7 +20,7 @@ import numpy as np
 from analysis.methods import fit_ellipse
 from analysis.surfaces.ellipse import EllipseFit
 from analysis.tunnel.block_adjustment import Block
-from analysis.tunnel.outlines import ANGLES, Deformation, Split, deformation, split
+from analysis.tunnel.outlines import ANGLES, RadialChange, Split, deformation, split
 from analysis.tunnel.sections import THICKNESS, Section
 
 from .. import parallel
@@ -206,7 +206,7 @@ class SimulatedChange:
     section: SimulatedSection
     points: tuple[np.ndarray, np.ndarray]
     ellipses: tuple[EllipseFit, EllipseFit]
-    change: Deformation
+    change: RadialChange
     truth: np.ndarray
 
     @property
@@ -248,4 +248,4 @@ def compare_epochs(
 def true_split(angles: np.ndarray, truth: np.ndarray) -> Split:
     """Divide a true δ (K,) as an estimated one."""
     nothing = np.zeros((len(angles), 1))
-    return split(Deformation(angles, POLE, truth, truth, truth, nothing, np.zeros((1, 1))))
+    return split(RadialChange(angles, POLE, truth, truth, truth, nothing, np.zeros((1, 1))))

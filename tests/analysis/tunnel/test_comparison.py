@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from analysis.tunnel.axis import straight
-from analysis.tunnel.comparison import STEPS, Comparison, compare
+from analysis.tunnel.comparison import STEPS, EpochComparison, compare
 from analysis.tunnel.radii import DIRECTIONS
 
 LENGTH, RADIUS, NOISE = 6.0, 2.7, 0.002
@@ -201,10 +201,10 @@ def test_epochs_that_overlap_partly_are_compared_where_they_do(quiet):
 
 
 def test_every_column_is_described(result):
-    described = Comparison.table.__doc__.replace("`…_sd_mm`", "")
+    described = EpochComparison.table.__doc__.replace("`…_sd_mm`", "")
     for column in result.table():
         assert column in described or column.replace("_sd_mm", "_mm") in described
-    described = Comparison.by_direction.__doc__
+    described = EpochComparison.by_direction.__doc__
     assert all(f"`{column}`" in described for column in result.by_direction())
 
 
