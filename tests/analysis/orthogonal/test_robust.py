@@ -420,7 +420,7 @@ LARGE = np.array([5e5, 4e6, 100.0])
 
 def scan(name):
     if f"{name}.xyz" in scans.missing():
-        pytest.skip(f"{name}.xyz is not in data/scans: `make scans` fetches the real scans.")
+        pytest.skip("the real scans are not in data/scans: `make scans` fetches them")
     return analysis.read_points(paths.SCANS / f"{name}.xyz"), np.array(REFERENCE_CENTERS[name])
 
 

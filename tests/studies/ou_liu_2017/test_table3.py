@@ -5,8 +5,9 @@ import pytest
 
 from analysis import fit_sphere
 from studies.ou_liu_2017 import table3, table3_relations
+from studies.ou_liu_2017.printed_tables import LABELS, values
 from studies.ou_liu_2017.table3 import CLEANED, HELD, RAW, WITH_COFACTORS
-from studies.ou_liu_2017.table3_relations import LABELS, RADIUS, SAMPLES, row
+from studies.ou_liu_2017.table3_relations import RADIUS, SAMPLES
 from studies.simulation.scenes import redraw
 
 ASSUMED = {"step": 0.003}
@@ -161,7 +162,7 @@ def test_displacements_keep_their_length(study):
     for sample in SAMPLES:
         line = table[(table["sphere"] == sample) & (table["source"] == "printed")].iloc[0]
         printed = [
-            row(sample, "tls")[f"{name}_m"] - row(sample, "igg3_wtls")[f"{name}_m"]
+            values(3, "tls", sample)[f"{name}_m"] - values(3, "igg3_wtls", sample)[f"{name}_m"]
             for name in "abc"
         ]
         assert np.linalg.norm(line[["along", "aside", "up"]].to_numpy(float)) == pytest.approx(
