@@ -244,8 +244,8 @@ def compare(
     Returns
     -------
     EpochComparison. A section of which an epoch shows too little has no ellipses and no change,
-    and says so. Memory beyond the points is some 40 bytes a point and does not grow with the number of
-    sections.
+    and says so. Memory beyond the points is some 40 bytes per point and does not grow with the
+    number of sections.
 
     Raises
     ------

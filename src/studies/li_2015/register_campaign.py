@@ -8,8 +8,9 @@ from __future__ import annotations
 import pandas as pd
 
 from analysis.tunnel.axis import Axis
-from analysis.tunnel.block_adjustment import Block, adjust_block, surface_ties
+from analysis.tunnel.block_adjustment import Block, adjust_block
 from analysis.tunnel.registration import CONTROL, OBSERVED, Station, register_stations
+from analysis.tunnel.surface_ties import surface_ties
 
 from ..simulation.tunnel import Epoch
 from ..simulation.tunnel.campaign import LEVELLING_SD, NET_SD, TARGET_SD

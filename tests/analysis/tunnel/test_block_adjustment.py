@@ -14,8 +14,9 @@ from analysis.similarity import fit_similarity
 from analysis.tunnel import block_adjustment
 from analysis.tunnel.axis import straight
 from analysis.tunnel.axis_estimation import robust_axis
-from analysis.tunnel.block_adjustment import Ties, adjust_block, singly, surface_ties
+from analysis.tunnel.block_adjustment import adjust_block, singly
 from analysis.tunnel.registration import Station
+from analysis.tunnel.surface_ties import Ties, surface_ties
 from studies.li_2015 import epoch_cloud, epoch_shift, register_campaign, wrong_pairs
 from studies.simulation.tunnel import default_tunnel, simulate_campaign, survey
 from studies.simulation.tunnel.campaign import LEVELLING_SD, NET_SD, TARGET_SD
