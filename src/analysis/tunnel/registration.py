@@ -265,7 +265,7 @@ def checks(
     wall_limit: float = 0.002,
     error: float = 0.01,
 ) -> list[str]:
-    """What a surveyor should know before going on, a sentence each; none where all is well.
+    """Warnings about a registration, one sentence each; none where all is well.
 
     Wrong targets by name; three targets, of which a wrong one cannot be told; misclosures larger
     than the standard deviations given allow (χ² test at ``error``); a scale that differs from 1 by
