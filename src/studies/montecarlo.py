@@ -67,9 +67,8 @@ def sphere_study(
 
     Example
     -------
-    >>> from studies.ou_liu_2017.clouds import SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
-    >>> truth = [*SPHERE_CENTER, SPHERE_RADIUS]
-    >>> study = sphere_study(sphere_redraws(2), truth, {"LS": {"method": "ls"}})
+    >>> from studies.ou_liu_2017.clouds import SPHERE, sphere_redraws
+    >>> study = sphere_study(sphere_redraws(2), SPHERE, {"LS": {"method": "ls"}})
     >>> study["LS"]["delta_c_m"].round(4).tolist()
     [0.0006, -0.0002]
     """

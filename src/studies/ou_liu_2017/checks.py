@@ -29,6 +29,7 @@ from . import table3_relations
 from .clouds import (
     GROSS_POINTS,
     SEED,
+    SPHERE,
     SPHERE_CENTER,
     SPHERE_DECIMALS,
     SPHERE_POINTS,
@@ -194,7 +195,7 @@ def cap_moments(gross: bool, draws: int = DRAWS, seed: int = SEED) -> NDArray[np
 
 def spheres_of(one: Row) -> NDArray[np.float64]:
     """(16, 4) spheres that a row of errors allows, one for each choice of the signs."""
-    return [*SPHERE_CENTER, SPHERE_RADIUS] + SIGNS * [one[name] for name in ERRORS]
+    return SPHERE + SIGNS * [one[name] for name in ERRORS]
 
 
 def digits_of_residual(one: Row) -> float:

@@ -28,6 +28,7 @@ from ..paths import SIMULATED, existing
 
 SPHERE_CENTER = (10.0, 10.0, 1.0)  # m, eq. (19)
 SPHERE_RADIUS = float(np.sqrt(200.0))  # m, eq. (19)
+SPHERE = np.array([*SPHERE_CENTER, SPHERE_RADIUS])  # a, b, c, r
 SPHERE_SIDE = 20.0  # m, x and y lie in [0, 20]
 SPHERE_POINTS = 500
 SPHERE_DECIMALS = 2

@@ -28,6 +28,7 @@ from ..montecarlo import sphere_study
 from ..paths import RESULTS, existing
 from .clouds import (
     SEED,
+    SPHERE,
     SPHERE_CENTER,
     SPHERE_DECIMALS,
     SPHERE_POINTS,
@@ -39,7 +40,6 @@ from .gross_errors import ANY_SIZE, COMMITTED, SIZES, redraws_of_size
 from .printed_tables import LABELS, METHODS, printed, printed_numbers, row
 from .rows import radius_with_wrong_sign
 
-TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
 # P_X, which the paper does not print; four steps double it
 UNIT_WEIGHTS = np.geomspace(0.05, 12.8, 33)
 QUARTER = 0.25  # P_X where Q_u = 4 σ_x² with σ_x = 1, eq. (10)
@@ -72,7 +72,7 @@ def log_likelihood(
     errors = trials[[f"delta_{name}_m" for name in "abcr"]].to_numpy()
     if wrong_sign:
         errors = np.column_stack(
-            [errors[:, :3], radius_with_wrong_sign(TRUTH + errors) - SPHERE_RADIUS]
+            [errors[:, :3], radius_with_wrong_sign(SPHERE + errors) - SPHERE_RADIUS]
         )
     for name in quantities:
         if name in "abcr":
@@ -163,10 +163,10 @@ def igg3_readings(
     few points that hang on the last bits.
     """
     readings = {key: options for key, options in READINGS.items() if key[0] in scales}
-    clean = sphere_study(sphere_redraws(trials, seed), TRUTH, readings)
+    clean = sphere_study(sphere_redraws(trials, seed), SPHERE, readings)
     rows = []
     for law in laws:
-        gross = sphere_study(redraws_of_size(law, trials, seed), TRUTH, readings)
+        gross = sphere_study(redraws_of_size(law, trials, seed), SPHERE, readings)
         for key in readings:
             one = dict(zip(("scale", "power", "cumulative"), key, strict=True)) | {
                 "gross errors": law
@@ -272,7 +272,7 @@ def clouds(trials: int, seed: int = SEED) -> pd.DataFrame:
     rows = []
     for name, make in CLOUDS.items():
         points = make(exact, _exact(trials, seed)[1])
-        study = sphere_study(points, TRUTH, {m: {"method": m} for m in ("ls", "igg3_wtls")})
+        study = sphere_study(points, SPHERE, {m: {"method": m} for m in ("ls", "igg3_wtls")})
         found = {
             "LS": log_likelihood(study["ls"], 1, "ls"),
             "IGG III-WTLS": log_likelihood(
@@ -292,7 +292,9 @@ def clouds(trials: int, seed: int = SEED) -> pd.DataFrame:
 def gross_studies(trials: int, seed: int = SEED) -> dict[str, dict[str, pd.DataFrame]]:
     """law of the gross errors -> method -> its fits to redraws of table 2."""
     variants = {method: {"method": method} for method in METHODS.values()}
-    return {law: sphere_study(redraws_of_size(law, trials, seed), TRUTH, variants) for law in SIZES}
+    return {
+        law: sphere_study(redraws_of_size(law, trials, seed), SPHERE, variants) for law in SIZES
+    }
 
 
 def gross_errors(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
@@ -350,7 +352,7 @@ def radius_slips(studies: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFr
         for method, label in LABELS.items():
             number = printed()[f"ou_liu_2017/table2/{method}/abs_delta_r_m"]
             errors = study[method][[f"delta_{name}_m" for name in "abcr"]].to_numpy()
-            slipped = np.abs(radius_with_wrong_sign(TRUTH + errors) - SPHERE_RADIUS)
+            slipped = np.abs(radius_with_wrong_sign(SPHERE + errors) - SPHERE_RADIUS)
             copies = sum(text.lstrip("-") == number.text for text in lengths)
             neighbours = _one_digit_away(number.text)
             digit = [

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from analysis.methods import SPHERE_METHODS, fit_sphere
 from analysis.result import ignore_convergence_warnings
 
-from .clouds import SPHERE_CENTER, SPHERE_RADIUS
+from .clouds import SPHERE
 
 # Along x, in m; 500 000 and 4 000 000 are the easting and the northing of a national grid.
 SHIFTS = (
@@ -38,7 +38,6 @@ SHIFTS = (
     4_000_000,
     10_000_000,
 )
-TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
 DECIMALS = 5  # of the answers in m
 LOST = 2e-5  # m: two units of the last decimal
 RAW = "ls_raw"
@@ -155,7 +154,7 @@ def study(
             for method, (parameters, no_sphere) in answers.items():
                 middle = np.median(parameters, axis=0)
                 lost = bool(np.ptp(parameters, axis=0).max() > LOST)
-                error = middle - TRUTH - [shift, 0, 0, 0]
+                error = middle - SPHERE - [shift, 0, 0, 0]
                 lengths = np.linalg.norm(error[:3]), error[3], np.linalg.norm((middle - of_ls)[:3])
                 lengths = np.full(3, np.nan) if lost or no_sphere else np.round(lengths, DECIMALS)
                 rows.append([cloud, method, shift, *lengths, lost, no_sphere])

@@ -21,7 +21,7 @@ from analysis.adjustment.igg3 import SCALES
 from analysis.surfaces.sphere import PARAMETERS
 
 from ..montecarlo import sphere_study
-from .clouds import GROSS_POINTS, SPHERE_CENTER, SPHERE_POINTS, SPHERE_RADIUS
+from .clouds import GROSS_POINTS, SPHERE, SPHERE_CENTER, SPHERE_POINTS, SPHERE_RADIUS
 from .printed_tables import METHODS, values
 
 REDUNDANCY = SPHERE_POINTS - PARAMETERS
@@ -48,7 +48,7 @@ def printed_spheres(
     errors = np.array([row[f"abs_delta_{name}_m"] for name in "abcr"])
     if delta_r is not None:
         errors[3] = delta_r
-    spheres = [*SPHERE_CENTER, SPHERE_RADIUS] + np.array(list(product((-1, 1), repeat=4))) * errors
+    spheres = SPHERE + np.array(list(product((-1, 1), repeat=4))) * errors
     if wrong_sign:
         spheres[:, 3] = radius_with_wrong_sign(spheres)
     return spheres
@@ -191,7 +191,7 @@ def radius_errors_with_wrong_sign(
     found = {}
     for method in METHODS.values():
         errors = trials[method][[f"delta_{name}_m" for name in "abcr"]].to_numpy()
-        spheres = errors + [*SPHERE_CENTER, SPHERE_RADIUS]
+        spheres = errors + SPHERE
         found[method, "abs_delta_r_m"] = np.abs(radius_with_wrong_sign(spheres) - SPHERE_RADIUS)
     return found
 
@@ -220,7 +220,7 @@ def igg3_readings(clean: NDArray[np.float64], gross: NDArray[np.float64]) -> pd.
     }
     rows = [dict(zip(("sigma", "weights"), reading, strict=True)) for reading in readings]
     for table, points in ((1, clean), (2, gross)):
-        study = sphere_study(points, [*SPHERE_CENTER, SPHERE_RADIUS], readings)
+        study = sphere_study(points, SPHERE, readings)
         for row, trials in zip(rows, study.values(), strict=True):
             row[f"used_{table}"] = points.shape[1] - trials["rejected"].mean()
             row[f"sigma_0_{table}"] = trials["sigma_0"].median()

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
 from .checks import ERRORS, SIGNS, cap_moments
-from .clouds import GROSS_POINTS, SEED, SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
+from .clouds import GROSS_POINTS, SEED, SPHERE, SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
 from .printed_tables import printed, row
 from .rows import REDUNDANCY, good_points, radius_with_wrong_sign, sums
 
-TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
 QUANTITIES = (*ERRORS, "sigma_0", "sigma_s_m")
 FREED = np.arange(0.0, 25.0, 0.05)  # m, what is tried for a number that may be anything
 FAR = 1e3  # instead of a quantity that is not real: as far from print as anything
@@ -83,7 +82,7 @@ def rows_of(points: NDArray[np.float64], wrong_sign: bool = False) -> dict[tuple
             radius = float(radius_with_wrong_sign(sphere))
             sphere[3] = radius if np.isfinite(radius) else SPHERE_RADIUS + FAR
         values = [
-            *np.abs(sphere - TRUTH),
+            *np.abs(sphere - SPHERE),
             np.sqrt(residuals @ residuals / REDUNDANCY),
             np.sqrt(np.mean(distances**2)),
         ]
@@ -178,7 +177,7 @@ def repairs() -> pd.DataFrame:
     for place, name in enumerate(ERRORS):
         tried = np.repeat(errors[None], len(FREED), axis=0)
         tried[:, place] = FREED
-        spheres = TRUTH + (SIGNS * tried[:, None]).reshape(-1, len(errors))
+        spheres = SPHERE + (SIGNS * tried[:, None]).reshape(-1, len(errors))
         least = sums(cap_moments(True), spheres)[1].min(axis=1).reshape(len(FREED), -1).min(axis=1)
         best = int(least.argmin())
         sigma_0 = float(np.sqrt(max(least[best], 0.0) / REDUNDANCY))

@@ -22,13 +22,12 @@ from ..printed.relation import Numbers
 from ..simulation.scenes import redraw
 from . import table3
 from .checks import CHECKS
-from .clouds import SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
+from .clouds import SPHERE, SPHERE_RADIUS, sphere_redraws
 from .gross_errors import redraws_of_any_size
 from .printed_tables import METHODS, SYMBOLS, printed, row
 from .rows import radius_with_wrong_sign
 from .table3_relations import RADIUS, SAMPLES, STATEMENT
 
-TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
 PAPERS_METHODS = {name: {"method": name} for name in METHODS.values()}
 
 
@@ -46,7 +45,7 @@ def right_papers(trials: int, seed: int) -> list[Numbers]:
         [sphere_redraws(half, seed, gross=True), redraws_of_any_size(trials, seed)[half:]]
     )
     for table, points in ((1, sphere_redraws(trials, seed)), (2, gross)):
-        study = sphere_study(points, TRUTH, PAPERS_METHODS)
+        study = sphere_study(points, SPHERE, PAPERS_METHODS)
         for (method, quantity), column in printed_quantities(study).items():
             values[f"ou_liu_2017/table{table}/{method}/{quantity}"] = column
         values[f"in use/ou_liu_2017/table{table}/igg3_wtls/sigma_s_m"] = study["igg3_wtls"][
@@ -180,7 +179,7 @@ def with_wrong_sign(paper: Numbers, generator: np.random.Generator) -> Numbers:
         errors = np.array([one[quantity] for quantity in list(SYMBOLS)[:4]]) * (
             2 * generator.integers(2, size=4) - 1
         )
-        radius = radius_with_wrong_sign(TRUTH + errors)
+        radius = radius_with_wrong_sign(SPHERE + errors)
         if np.isfinite(radius):
             name = one.ids["abs_delta_r_m"]
             changed[name] = rewritten(paper[name], abs(float(radius) - SPHERE_RADIUS))

@@ -14,10 +14,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..montecarlo import EVERY_METHOD, sphere_study
-from ..ou_liu_2017.clouds import SPHERE_CENTER, SPHERE_RADIUS, SPHERE_SIDE, sphere_redraws
+from ..ou_liu_2017.clouds import SPHERE, SPHERE_CENTER, SPHERE_RADIUS, SPHERE_SIDE, sphere_redraws
 from .redraws import failures, median_of_all, share_interval, stacked
 
-TRUTH = np.array([*SPHERE_CENTER, SPHERE_RADIUS])
 WITHIN = 0.01  # m
 DEPTH = (1.0, 3.0)  # m towards the centre
 VARIANTS = EVERY_METHOD | {
@@ -107,8 +106,8 @@ def study(
         for pattern in patterns if count else patterns[:1]:
             points = replaced(clean, pattern, count, seed)
             good = clean[np.all(points == clean, axis=-1)].reshape(trials, n - count, 3)
-            frames = sphere_study(points, TRUTH, variants)
-            frames |= sphere_study(good, TRUTH, {GOOD_POINTS: {"method": "geometric"}})
+            frames = sphere_study(points, SPHERE, variants)
+            frames |= sphere_study(good, SPHERE, {GOOD_POINTS: {"method": "geometric"}})
             for variant, frame in frames.items():
                 row = {"gross_percent": 100 * share, "variant": variant} | _summary(frame)
                 rows += [{"pattern": name} | row for name in ([pattern] if count else patterns)]

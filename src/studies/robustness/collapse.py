@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from analysis.methods import fit_sphere
 
 from ..montecarlo import sphere_study
-from ..ou_liu_2017.clouds import SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
+from ..ou_liu_2017.clouds import SPHERE, sphere_redraws
 
 # What σ in V/σ is and whether the weights accumulate; the first is the literal reading of the
 # paper.
@@ -70,7 +70,7 @@ def redraws(trials: int, variants: Mapping[str, Mapping] = VARIANTS) -> pd.DataF
     options = {variant: {"method": "igg3_wtls"} | option for variant, option in variants.items()}
     points = sphere_redraws(trials)
     frames = []
-    for variant, frame in sphere_study(points, [*SPHERE_CENTER, SPHERE_RADIUS], options).items():
+    for variant, frame in sphere_study(points, SPHERE, options).items():
         error = 1e3 * np.linalg.norm(frame[["delta_a_m", "delta_b_m", "delta_c_m"]], axis=-1)
         left = points.shape[1] - frame["rejected"]
         row = {

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from analysis.adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, PRINTED_THRESHOLDS
 
 from ..montecarlo import EVERY_METHOD, sphere_study
-from ..ou_liu_2017.clouds import SPHERE_CENTER, SPHERE_POINTS, SPHERE_RADIUS, sphere_cloud
+from ..ou_liu_2017.clouds import SPHERE, SPHERE_POINTS, sphere_cloud
 from .redraws import failures, stacked
 
 SIGMA = 0.01 / np.sqrt(12.0)  # m; the noise that rounding to 0.01 m leaves, here normal
@@ -64,7 +64,7 @@ def study(trials: int, seed: int) -> pd.DataFrame:
     (E[ψ′])²/E[ψ²] of the weight function, 100 without one, missing where weights are cumulative;
     ``failed``.
     """
-    frames = sphere_study(clouds(trials, seed), [*SPHERE_CENTER, SPHERE_RADIUS], VARIANTS)
+    frames = sphere_study(clouds(trials, seed), SPHERE, VARIANTS)
     squares = {variant: _squared_deviations(frame) for variant, frame in frames.items()}
     rows = []
     for variant, frame in frames.items():

@@ -200,7 +200,7 @@ def test_the_likelihood_is_that_of_a_normal_law():
     """On normal trials the kernel gives the probability of the printed row to a factor of two."""
     generator = np.random.default_rng(0)
     names = [f"delta_{name}_m" for name in "abcr"]
-    study = sphere_study(simulate.sphere_redraws(3), hypotheses.TRUTH, {"ls": {"method": "ls"}})[
+    study = sphere_study(simulate.sphere_redraws(3), simulate.SPHERE, {"ls": {"method": "ls"}})[
         "ls"
     ]
     trials_frame = study.loc[[0] * 4000].reset_index(drop=True)

@@ -39,7 +39,7 @@ def test_what_ignores_the_origin_does_not_move(answers, cloud, method):
 
 def test_the_table_holds_the_fits(answers):
     fit = analysis.fit_sphere(GROSS + [100.0, 0.0, 0.0], "wtls")
-    error = fit.parameters - origin.TRUTH - [100.0, 0.0, 0.0, 0.0]
+    error = fit.parameters - clouds.SPHERE - [100.0, 0.0, 0.0, 0.0]
     assert length(answers, "gross", "wtls")[100] == pytest.approx(
         np.linalg.norm(error[:3]), abs=0.6e-5
     )
