@@ -50,7 +50,7 @@ def sphere_study(
 
     Returns
     -------
-    label -> frame with one row a cloud, in order:
+    label -> frame with one row per cloud, in order:
 
     - ``delta_a_m`` … ``delta_r_m`` estimate less truth; NaN where there is no real sphere
     - ``sigma_0`` in the unit of the method, ``sigma_s_m`` over all points, ``sigma_s_inliers_m``
@@ -148,7 +148,7 @@ def _fit_chunk(
 
 
 def _trial_frame(fit: SphereFit, truth: np.ndarray) -> pd.DataFrame:
-    """What a study keeps of the fits of a stack, one row a cloud."""
+    """Rows of a study from the fits of a stack, one row per cloud."""
     frame = pd.DataFrame(fit.parameters - truth, columns=[f"delta_{name}_m" for name in fit.NAMES])
     return frame.assign(
         sigma_0=fit.sigma_0,

@@ -1,6 +1,4 @@
-"""What a notebook publishes: tables into ``data/results``, figures into ``figures`` with the table
-of what they show.
-"""
+"""Tables of a notebook into ``data/results``, its figures and what they show into ``figures``."""
 
 from __future__ import annotations
 

@@ -404,6 +404,8 @@ def test_a_stack_is_its_members_one_by_one(robust):
 def test_one_point_transforms_as_one_of_many():
     fit = fit_similarity(TARGETS, moved(TARGETS, 2.0, rotation(50), (1, 2, 3)))
     np.testing.assert_allclose(fit.transform(TARGETS[0]), fit.transform(TARGETS)[0], rtol=1e-14)
+    expected = Rotation.from_matrix(rotation(50)).as_rotvec()
+    np.testing.assert_allclose(fit.rotation_vector, expected, rtol=0, atol=1e-12)
 
 
 def test_inputs_stay_and_results_are_frozen():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..adjustment.linalg import propagate
 from ..checks import finite_array
@@ -49,6 +50,12 @@ class Similarity:
     def translation(self) -> np.ndarray:
         """(…, 3) t in m, the image of the source frame's origin."""
         return self.transform(np.zeros(np.shape(self.scale) + (1, 3)))[..., 0, :]
+
+    @property
+    def rotation_vector(self) -> np.ndarray:
+        """(…, 3) axis times angle of the rotation in rad, in the target frame."""
+        vectors = Rotation.from_matrix(self.rotation.reshape(-1, 3, 3)).as_rotvec()
+        return vectors.reshape(np.shape(self.scale) + (3,))
 
     @property
     def cofactor(self) -> np.ndarray:

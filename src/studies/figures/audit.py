@@ -126,9 +126,9 @@ def every_number(verdicts: pd.DataFrame) -> None:
     """Which printed numbers can be believed? Each where it lies among the redraws, or with the
     bound that it violates.
 
-    verdicts : of `audit.verdicts.verdicts`. Left of and right of the median a number is measured in
-        half-widths of the central 95 %:
-    within ±1 the redraws give it, and a factor beside a cross says how far it violates its bound.
+    verdicts : of `studies.verdicts.verdicts`. Left of and right of the median a number is measured
+        in half-widths of the central 95 %: within ±1 the redraws give it, and a factor beside a
+        cross says how far it violates its bound.
     """
     data = verdicts.assign(half_widths=_half_widths(verdicts))
     data["mark"] = data["verdict"].mask(data["setting"], SETTING)
@@ -221,7 +221,7 @@ def _panel(ax, data: pd.DataFrame, title: str) -> None:
 
 
 def _list(ax, data: pd.DataFrame, title: str) -> None:
-    """What a text states in words or without redraws: a mark and a few words each."""
+    """Statements of a text in words or without redraws: a mark and a few words each."""
     for y, line in enumerate(data.itertuples()):
         _mark(ax, 0, y, line.mark)
         ax.annotate(SHORT[line.id.rpartition("/")[2]], (0.6, y), fontsize=7, va="center")
@@ -232,7 +232,7 @@ def _list(ax, data: pd.DataFrame, title: str) -> None:
 
 
 def _key(ax, data: pd.DataFrame) -> None:
-    """What the marks mean, and how many there are of each."""
+    """Legend of the marks, with how many there are of each."""
     counts = _counts(data)
     y = 0.0
     for word, count in counts.items():

@@ -224,7 +224,7 @@ def errors(table: pd.DataFrame) -> None:
 
 
 def _printed_limits() -> dict[str, tuple[float, float]]:
-    """What rounds to the printed numbers."""
+    """Interval that rounds to each printed number."""
     return {
         row.quantity: (row.printed - row.half_unit, row.printed + row.half_unit)
         for row in printed().itertuples()

@@ -39,7 +39,7 @@ STAR = {"markersize": 12, "markeredgecolor": TRUTH, "linestyle": "none"}
 
 
 def methods(table: pd.DataFrame, printed: pd.DataFrame, stem: str) -> None:
-    """What does each method make of a cleaned scan? Median and central 95 % of its errors, printed
+    """How exact is each method on a cleaned scan? Median and central 95 % of its errors, printed
     values marked.
 
     table : of `table3.every_method`; printed : of `table3.printed_errors`.

@@ -192,7 +192,7 @@ def positions(comparisons: Sequence[pd.DataFrame]) -> None:
 def maps(
     clean: NDArray[np.float64], gross: NDArray[np.float64], fits: Mapping[str, SphereFit]
 ) -> None:
-    """What residuals are left, and which points keep their weight? The cap from above.
+    """Which residuals are left, and which points keep their weight? The cap from above.
 
     clean, gross : (500, 3) the committed clouds, m; fits : ``ls gross``, ``igg gross``,
         ``igg clean`` of these clouds.

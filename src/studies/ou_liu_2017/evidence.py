@@ -1,4 +1,4 @@
-"""What the printed numbers of Ou & Liu (2017) say about the simulated cloud they belong to.
+"""Evidence in the printed numbers of Ou & Liu (2017) on the simulated cloud they belong to.
 
 The points were never published. That the cloud of :mod:`studies.ou_liu_2017.clouds` is of their
 kind follows from the printed numbers themselves, and each function here is one such argument: the
@@ -66,7 +66,7 @@ def distance_histogram(
 
 
 def rounding(steps: tuple[float, ...] = (0.1, 0.01, 0.001)) -> pd.DataFrame:
-    """What rounding the coordinates to each of the steps would leave in table 1, beside what is
+    """Table 1 as rounding the coordinates to each of the steps would leave it, beside what is
     printed.
 
     An error uniform in ±step/2 has the standard deviation step/√12 along every axis, and so along

@@ -1,4 +1,4 @@
-"""What may the authors have done? Hypotheses about tables 1 to 3, simulated, with the likelihood of
+"""Hypotheses on how tables 1 to 3 were made, simulated, with the likelihood of
 the printed numbers under each.
 
 The likelihood of a printed row is the probability that a redraw, rounded as printed, gives just
@@ -160,7 +160,7 @@ def igg3_readings(
     ``both, P_X = 1`` and ``both, P_X = 1/4``; ``halves``, by how much ``both`` differs between the
     two halves of the redraws, which says what a difference is worth. Best first; last, without
     numbers, the readings that leave less than half of the points of table 1 in use: they run into a
-    few points that hang on the last bits.
+    few points that depend on the last bits.
     """
     readings = {key: options for key, options in READINGS.items() if key[0] in scales}
     clean = sphere_study(sphere_redraws(trials, seed), SPHERE, readings)

@@ -102,7 +102,7 @@ def _fitted(clouds: NDArray[np.float64], method: str) -> tuple[NDArray[np.float6
 
 
 def _raw(clouds: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-    """The same for the raw normal equations, whose exact sums do not depend on the order of the
+    """As above for the raw normal equations, whose exact sums do not depend on the order of the
     points.
     """
     parameters = ls_by_raw_normal_equations(clouds[0])[None]

@@ -37,7 +37,7 @@ SPHERE, SIGMA_0, NOTHING, BREAKDOWN = "sphere", "σ0 only", "no", "breaks down"
 
 @dataclass(frozen=True)
 class Answer:
-    """What one reading returns for one cloud: lengths in m, numbers of points with weight 0 and
+    """Result of one reading for one cloud: lengths in m, numbers of points with weight 0 and
     with weight below ``FADED``.
     """
 
@@ -78,14 +78,14 @@ def _igg3(points, **options) -> Answer:
 
 
 def _igg3_from_centroid(points) -> Answer:
-    """The same points in coordinates from their centroid, the centre moved back."""
+    """Points in coordinates from their centroid, the centre moved back."""
     origin = points.mean(axis=0)
     answer = _igg3(points - origin)
     return replace(answer, center=answer.center + origin)
 
 
 def _igg3_points_in_use(points) -> Answer:
-    """The same fit, its σ0 over the redundancy of the points in use."""
+    """A fit with its σ0 over the redundancy of the points in use."""
     answer = _igg3(points)
     n = len(points)
     return replace(
@@ -278,7 +278,7 @@ def _change(literal: Answer, other: Answer) -> dict:
         for side, answer in (("literal", literal), ("other", other)):
             change[f"{name}_{side}"] = getattr(answer, name) if answer.converged else None
     for side in ("literal", "other"):
-        if change[f"iterations_{side}"]:  # the last of hundreds hangs on the last bits
+        if change[f"iterations_{side}"]:  # the last of hundreds depends on the last bits
             change[f"iterations_{side}"] = int(float(f"{change[f'iterations_{side}']:.1e}"))
     return change
 
@@ -351,7 +351,7 @@ def how_often(trials: int, readings: tuple[Reading, ...] = READINGS) -> pd.DataF
 
 
 def descriptions(readings: tuple[Reading, ...] = READINGS) -> pd.DataFrame:
-    """What is read in which two ways, one row a place.
+    """Places that can be read in two ways, one row per place.
 
     >>> descriptions().loc[4].tolist()
     ['13', 'exponent', '1', '2, the usual IGG III']
@@ -399,7 +399,7 @@ def scale_and_cumulation(
 
 
 def start_as_printed(points: NDArray[np.float64]) -> pd.DataFrame:
-    """What ``[(μA)⁻¹Aᵀμ]Y``, line 4 of eq. (15), can be made of: one row a form, its factors with
+    """Forms of ``[(μA)⁻¹Aᵀμ]Y``, line 4 of eq. (15): one row per form, its factors with
     their shapes.
 
     An inverse needs a square matrix; a product needs equal inner dimensions.

@@ -72,7 +72,7 @@ def cut(points: np.ndarray, scan: str, half_width: float) -> np.ndarray:
 
 
 def contents(scans: Iterable[str], half_width: float) -> pd.DataFrame:
-    """What each scan holds: points, those within ``half_width`` (m) of the reference sphere, and
+    """Contents of each scan: points, those within ``half_width`` (m) of the reference sphere, and
     the distances of the others.
 
     The range is that of the reference centre from the scanner, which stands in the origin.
@@ -152,7 +152,7 @@ def robust_fits(scans: Iterable[str], offset: Iterable[float]) -> pd.DataFrame:
 
 
 def limits(table: pd.DataFrame) -> pd.DataFrame:
-    """What is asked of ``robust`` on the whole scans, beside the errors of a table of
+    """Requirements on ``robust`` on the whole scans, beside the errors of a table of
     :func:`robust_fits`, mm.
     """
     rows = []
@@ -203,7 +203,7 @@ def peer_fits(scans: Iterable[str], told: float) -> pd.DataFrame:
 
 
 def summary(whole_scans: pd.DataFrame, robust: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
-    """Median and largest error from the reference over the whole scans in mm, one row a method:
+    """Median and largest error from the reference over the whole scans in mm, one row per method:
     ours, then the peers.
 
     Parameters: the tables of :func:`methods`, :func:`robust_fits` and :func:`peer_fits`.
@@ -331,7 +331,7 @@ def _fit(points: np.ndarray, method: str, **options) -> SphereFit:
 
 
 def _row(fit: SphereFit, scan: str) -> dict:
-    """What a fit returns and its difference from the reference; where it did not converge, only
+    """Result of a fit and its difference from the reference; where it did not converge, only
     that, for it has no result.
     """
     return {

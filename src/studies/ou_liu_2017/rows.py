@@ -55,7 +55,7 @@ def printed_spheres(
 
 
 def radius_with_wrong_sign(spheres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What comes out as radius when the sign of δ = r² − |k|² is mistaken:
+    """Radius that comes out when the sign of δ = r² − |k|² is mistaken:
     ``√(|k|² − δ) = √(2|k|² − r²)``.
 
     The slip is its own inverse. Parameters: spheres (…, 4) in m. NaN where the root is not real.

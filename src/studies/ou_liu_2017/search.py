@@ -30,7 +30,7 @@ FAR = 1e3  # instead of a quantity that is not real: as far from print as anythi
 
 @dataclass(frozen=True)
 class Target:
-    """What is searched for: rows of table 2 (methods), without Δr or with Δr from δ with the wrong
+    """Target of a search: rows of table 2 (methods), without Δr or with Δr from δ with the wrong
     sign if asked.
     """
 

@@ -112,7 +112,7 @@ def scans(seed: int, scanner: Scanner = LEICA_C10, **assumed) -> dict[str, Scan]
 
 
 def contents(targets: Mapping[str, Scan]) -> pd.DataFrame:
-    """What the scans hold: ``sphere``, ``range_m`` of its centre, points by label, and the
+    """Contents of the scans: ``sphere``, ``range_m`` of its centre, points by label, and the
     percentage that is not of the sphere.
     """
     rows = []
@@ -131,9 +131,9 @@ def study(targets: Mapping[str, Scan], trials: int, seed: int) -> Study:
     """Every method on redraws of every scan, raw and cleaned.
 
     Beside the methods with their defaults: ``robust`` with the radius held at its nominal value,
-    and, on the cleaned scans, with the scanner's cofactors. These hang on the directions and ranges
-    of the points alone, which the noise of a redraw changes by about a thousandth, so they are
-    computed once. (On the raw scans that variant would take longer than all others together.)
+    and, on the cleaned scans, with the scanner's cofactors. These depend on the directions and
+    ranges of the points alone, which the noise of a redraw changes by about a thousandth, so they
+    are computed once. (On the raw scans that variant would take longer than all others together.)
     """
     found: Study = {}
     for sample, target in targets.items():
@@ -300,7 +300,7 @@ def measured(found: Study) -> pd.DataFrame:
 
 
 def displacements(found: Study) -> pd.DataFrame:
-    """TLS less IGG III-WTLS in mm, which does not hang on the centre that is assumed: as printed,
+    """TLS less IGG III-WTLS in mm, which does not depend on the centre that is assumed: as printed,
     and the central 95 % of the redraws.
 
     ``along``: of the centres along the line of sight, positive away from the scanner; ``aside``:
@@ -355,7 +355,7 @@ def printed_errors() -> pd.DataFrame:
 
 
 def every_method(found: Study) -> pd.DataFrame:
-    """What each method makes of each scan: medians over the redraws, and how far 95 % of the
+    """Results of each method on each scan: medians over the redraws, and how far 95 % of the
     centres lie from the truth.
 
     Columns: sphere, state, variant; ``along_mm`` of the centre's error (see :func:`displacements`)
@@ -431,7 +431,7 @@ def readings(
     trials: int,
     seed: int,
 ) -> pd.DataFrame:
-    """The same for every reading of σ in V/σ of eq. (13), weights cumulative or not.
+    """Results for every reading of σ in V/σ of eq. (13), weights cumulative or not.
 
     Also ``used``, the points in use, and ``sigma_0`` of IGG III-WTLS in m, both medians.
     """

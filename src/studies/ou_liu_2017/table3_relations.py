@@ -1,4 +1,4 @@
-"""What the numbers of table 3 of Ou & Liu (2017) say about one another, whatever the scans were.
+"""Relations between the numbers of table 3 of Ou & Liu (2017), whatever the scans were.
 
 Each function here is one relation that the printed numbers must fulfil, with its proof. Where one
 fails, a number is misprinted or means something else than the paper says; no redraw is needed for

@@ -81,7 +81,7 @@ def _written(values: dict[str, NDArray[np.float64]], trial: int) -> Numbers:
 
 
 def rewritten(number, value: float):
-    """The same number of the paper with another value, written with the digits of print.
+    """A number of the paper with another value, written with the digits of print.
 
     >>> rewritten(printed()["ou_liu_2017/table3/I/ls/sigma_0"], 0.00012345678).text
     '1.2346e-04'

@@ -25,7 +25,7 @@ from .checks import violated
 from .clouds import SPHERE_RADIUS
 from .printed_tables import PAPER, all_numbers, printed, row
 
-# The numbers that a violated check is laid to, where it judges several: those that the redraws do
+# The numbers that a violated check blames, where it judges several: those that the redraws do
 # not give either, or that others outvote, or that alone could mend it. Why is said by
 # `causes.CAUSES` and `table3.CAUSES`.
 TO_BLAME = {

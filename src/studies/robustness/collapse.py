@@ -61,7 +61,7 @@ def history(
 
 
 def redraws(trials: int, variants: Mapping[str, Mapping] = VARIANTS) -> pd.DataFrame:
-    """What is left at the end, on `trials` redraws of the clean cloud of table 1: one row a variant
+    """State at the end, on `trials` redraws of the clean cloud of table 1: one row per variant
     and cloud.
 
     Columns: ``variant``; ``left``, points with weight above 0; ``sigma_0_mm``, the σ0 that the

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import joblib
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from analysis.result import ignore_convergence_warnings
 from analysis.scanner import Scanner
 from analysis.surfaces.sphere import PARAMETERS, SphereFit
 
+from .. import parallel
 from .redraws import RADIUS, TARGET, cap_normals, failures, median_of_all, share_interval, stacked
 
 METHODS = ("ls", "wtls", "igg3_wtls", "eiv", "geometric", "robust")
@@ -83,7 +83,7 @@ def study(
 
     Returns
     -------
-    One row a noise, share and method: ``noise``, ``gross_percent``, ``method``; ``held_percent``
+    One row per noise, share and method: ``noise``, ``gross_percent``, ``method``; ``held_percent``
     with its 95 % interval ``low_percent``, ``high_percent``; ``error_mm``, median distance of the
     centre from the truth, and ``claimed_mm``, median of its claimed standard deviation
     (`redraws.median_of_all`); ``failed`` (`redraws.failures`), fits without a sphere or a
@@ -99,14 +99,8 @@ def study(
             points, cofactors = clouds(trials, n, seed, half_angle, share, noise)
             for part in pieces(trials, CHUNK):
                 given = None if cofactors is None else cofactors[part]
-                tasks.append(
-                    joblib.delayed(_trials)(name, 100 * share, points[part], given, methods)
-                )
-    # As in montecarlo: one BLAS thread a worker, the points sent through the pipe.
-    with joblib.parallel_config(
-        "loky", n_jobs=min(len(tasks), joblib.cpu_count()), inner_max_num_threads=1
-    ):
-        frame = pd.concat(joblib.Parallel(max_nbytes=None)(tasks))
+                tasks.append((name, 100 * share, points[part], given, methods))
+    frame = pd.concat(parallel.run(_trials, tasks))
     keys = ["noise", "gross_percent", "method"]
     return pd.DataFrame(
         [
@@ -117,8 +111,8 @@ def study(
 
 
 def _trials(noise: str, gross_percent: float, points, cofactors, methods) -> pd.DataFrame:
-    """One row a method and cloud: whether the ellipsoid holds the truth, error and claimed standard
-    deviation of the centre in mm.
+    """One row per method and cloud: whether the ellipsoid holds the truth; of the centre in mm the
+    error and the claimed standard deviation.
     """
     frames = []
     with ignore_convergence_warnings():  # counted instead

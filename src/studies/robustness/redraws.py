@@ -1,6 +1,4 @@
-"""What the studies share: trials with random numbers of their own, a target sphere, the Monte Carlo
-error of a share.
-"""
+"""Common ground of the studies: trials of their own, a target sphere, the error of a share."""
 
 from __future__ import annotations
 
@@ -10,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-# The target spheres of Ou & Liu (2017), section 2.2, as one of them stands before a scanner in the
-# origin.
-RADIUS = 0.0725  # m
+from ..ou_liu_2017.table3_relations import RADIUS
+
+# A target sphere of Ou & Liu (2017), section 2.2, before a scanner in the origin.
 RANGE = 6.0  # m; the line of sight is the x axis
 TARGET = np.array([RANGE, 0.0, 0.0, RADIUS])  # a, b, c, r
 
@@ -54,8 +52,8 @@ def cap_normals(uniform: NDArray[np.float64], half_angle: float) -> NDArray[np.f
 def failures(failed: NDArray[np.bool_]) -> int:
     """Number of fits that failed; from a twentieth of them on to the nearest tenth.
 
-    A method that gross errors have thrown far off wanders about, and whether it then fails hangs on
-    the last bit of a sum, which differs from processor to processor.
+    A method that gross errors have thrown far off wanders about, and whether it then fails depends
+    on the last bit of a sum, which differs from processor to processor.
 
     >>> failures(np.arange(2000) < 7), failures(np.arange(2000) < 415)
     (7, 400)

@@ -134,7 +134,7 @@ def counts(history: pd.DataFrame) -> pd.DataFrame:
 
 
 def arrivals(points: NDArray[np.float64]) -> pd.DataFrame:
-    """What becomes of every algorithm on many clouds of the plane simulation, each from least
+    """Outcome of every algorithm on many clouds of the plane simulation, each from least
     squares.
 
     Parameters: points (B, n, 3) in m.

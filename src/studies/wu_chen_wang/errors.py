@@ -134,7 +134,7 @@ def perfect_sigma_0(
 
 
 def meanings(fits: Mapping[str, PlaneFit], cosines: NDArray[np.float64]) -> pd.DataFrame:
-    """What σ0 is of in each method: ``true_plane_cm``, what the true plane would give;
+    """Meaning of σ0 in each method: ``true_plane_cm``, what the true plane would give;
     ``found_cm``, the mean over the runs; and how far that of WTLS is below, in percent,
     ``gain_true_plane`` and ``gain_found``; ``sigma_s_cm`` is the same quantity for all."""
     perfect = perfect_sigma_0(cosines)

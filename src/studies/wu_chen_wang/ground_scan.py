@@ -65,7 +65,7 @@ COMPARED: dict[str, tuple[str, dict, bool, str]] = {
 
 
 def implied() -> pd.DataFrame:
-    """What the printed gains say of the scan: by either reading of TLS, and with the limits that
+    """Place of the scan by the printed gains: by either reading of TLS, and with the limits that
     their rounding leaves.
 
     One row a quantity: ``reading``, ``quantity``, ``value``, ``lower``, ``upper``, ``unit``.
@@ -199,7 +199,7 @@ def against_print(fits: Mapping[str, PlaneFit]) -> pd.DataFrame:
 def accuracy(
     fits: Mapping[str, PlaneFit], truth: NDArray[np.float64], at: NDArray[np.float64]
 ) -> pd.DataFrame:
-    """How good the planes are and whether their stated accuracy can be believed: one row a method.
+    """Accuracy of the planes beside the accuracy that they state, one row per method.
 
     Parameters: truth (3,) a, b, c; at (2,) x and y in m, where heights are compared.
 

@@ -75,8 +75,8 @@ def search(
             points, cosines = plane_clouds(draws, side, sigma, layout)
             fine = not_upright(points)
             fits = {variant: fitted(points[fine], cosines[fine], variant) for variant in variants}
-            # A plane that runs off to the vertical has no minimum, and where it is stopped hangs on
-            # rounding.
+            # A plane that runs off to the vertical has no minimum, and where it is stopped
+            # depends on rounding.
             usable = np.flatnonzero(np.logical_and.reduce([fit.converged for fit in fits.values()]))
             drawn = usable[(tens * len(usable)).astype(int)]
             for reading in readings:

@@ -1,5 +1,4 @@
-"""What the studies of the plane paper share: the variants of its methods, and the five numbers it
-prints of its simulation.
+"""The variants of the plane paper's methods, and the five numbers it prints of its simulation.
 
     σs = √(Σd²/n)            orthogonal distances d; averaged over ten runs, for LS, TLS and WTLS
     gain = 1 − σ0(WTLS)/σ0(LS or TLS)         of the unit-weight standard deviations, averaged over
@@ -142,7 +141,7 @@ def against_print(experiments: NDArray[np.float64], ours: NDArray[np.float64]) -
 
     Parameters: experiments (E, 5); ours (5,), of the committed runs.
 
-    Returns one row a number: `printed` and ``ours``, ``median``, ``lower``, ``upper`` (central 95
+    Returns one row per number: `printed` and ``ours``, ``median``, ``lower``, ``upper`` (central 95
     %), ``percentile`` of the printed number, and ``inside``: whether what rounds to the printed
     number overlaps the central 95 %.
     """

@@ -241,7 +241,7 @@ def test_the_order_of_exact_ties_does_not_matter_to_the_covariance(epochs):
 
 
 def test_an_error_of_the_net_that_both_epochs_share_is_in_no_difference(epochs):
-    """The same stations and targets in both epochs: the net may be as wrong as it likes."""
+    """With stations and targets of the first epoch again the net may be as wrong as it likes."""
     first = at_truth(epochs[:1])
     both = first | {
         f"2{name[1:]}": replace(one, name=f"2{name[1:]}") for name, one in first.items()

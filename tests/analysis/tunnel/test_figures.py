@@ -1,4 +1,4 @@
-"""What the figures of a tunnel show is what is exported, and that is what the comparison says."""
+"""The figures of a tunnel show what is exported, and that is what the comparison says."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def comparison():
 
 
 class Published(dict):
-    """What was handed to `publish`: stem -> table."""
+    """Tables handed to `publish`: stem -> table."""
 
     def __call__(self, figure, stem, data):
         self[stem] = data

@@ -1,4 +1,4 @@
-"""What the figures of notebook 05 show is what is exported, and that is what the study returned."""
+"""The figures of notebook 05 show what is exported, and that is what the study returned."""
 
 import numpy as np
 import pandas as pd
