@@ -113,8 +113,7 @@ def printed_quantities(study: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str
 
 
 def spread(study: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Standard deviations of a, b, c, r over the redraws in mm, one row a variant, and how the fits
-    fared.
+    """Standard deviations of a, b, c, r over the redraws in mm, one row per variant.
 
     Columns: variant; ``sd_a_mm`` … ``sd_r_mm``; ``mean_c_mm`` and ``mean_r_mm``, the mean errors;
     ``rejected``, the mean number of points of weight 0; ``converged_percent``.

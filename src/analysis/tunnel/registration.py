@@ -78,7 +78,7 @@ def register_stations(
     scanner_sd, control_sd : standard deviation of a coordinate of a target in each, m. They are
         taken as known: a handful of targets says little about its own precision. :func:`checks`
         tests them.
-    scale : True estimates a scale a station. Scanner and total station both measure metres: leave
+    scale : True estimates a scale per station. Scanner and total station both measure metres: leave
         it at 1 unless
         :func:`checks` says that it is not.
 

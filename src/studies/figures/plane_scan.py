@@ -147,7 +147,7 @@ def accuracy(tables: Mapping[str, pd.DataFrame]) -> None:
 
 
 def convergence(history: pd.DataFrame) -> None:
-    """Excess of Φ over its minimum against the iteration, for every algorithm, a panel a problem;
+    """Excess of Φ over its minimum against the iteration, for every algorithm, a panel per problem;
     history from `convergence.study`.
     """
     labels = {name: problem.label for name, problem in problems().items()}

@@ -177,7 +177,7 @@ def _cut_title(half_width_mm: float) -> str:
 
 
 def trimming(table: pd.DataFrame, stem: str) -> None:
-    """Centre error of every method over the half-width to which a scan is cut; one panel a scan,
+    """Centre error of every method over the half-width to which a scan is cut; one panel per scan,
     the whole scan at the right.
     """
     scans = table["scan"].unique()

@@ -271,9 +271,7 @@ def ranges(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_scan(table: pd.DataFrame, keys: list[str], value: str) -> pd.DataFrame:
-    """One value of a tidy table with a column a scan and a row for each combination of ``keys``, in
-    their order in the table.
-    """
+    """One value of a tidy table: a column per scan, a row per combination of ``keys``."""
     wide = table.pivot(index=keys, columns="scan", values=value)
     return (
         wide.reindex(table.set_index(keys).index.unique()).rename_axis(columns=None).reset_index()

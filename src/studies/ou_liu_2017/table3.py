@@ -330,8 +330,7 @@ def displacements(found: Study) -> pd.DataFrame:
 
 
 def printed_errors() -> pd.DataFrame:
-    """Printed centres along the line of sight and radii, less the truth assumed, mm; a row a sphere
-    and method.
+    """Printed centres along the line of sight and radii less the truth assumed, mm, per row.
 
     IGG III-WTLS has no centre here, as it is the truth; LS has the one of TLS.
     """
@@ -397,7 +396,7 @@ def cleanings(
     range_sds: Sequence[float], half_widths: Sequence[float], trials: int, seed: int, **assumed
 ) -> pd.DataFrame:
     """LS and IGG III-WTLS against the precision of the scanner and how clean its scan is: medians
-    over redraws, a row a setting.
+    over redraws, a row per setting.
 
     ``range_sds``: σ of a range, m; ``half_widths``: as in :func:`within`; ``assumed``: as in
     :func:`scans`. Columns: sphere, range_sd_mm, half_width_mm, points; radius errors and σs (of IGG

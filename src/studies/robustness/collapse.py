@@ -85,7 +85,7 @@ def redraws(trials: int, variants: Mapping[str, Mapping] = VARIANTS) -> pd.DataF
 
 
 def summary(trials: pd.DataFrame) -> pd.DataFrame:
-    """Median and central 95 % over the redraws of :func:`redraws`, one row a variant.
+    """Median and central 95 % over the redraws of :func:`redraws`, one row per variant.
 
     Columns: ``variant``; ``left_q025``, ``left_median``, ``left_q975``; ``median_se``, the Monte
     Carlo error of that median; ``sigma_0_mm`` and ``error_mm``, medians;

@@ -67,7 +67,7 @@ RUNS: dict[str, tuple[str, str, str]] = {
 
 
 def study(max_iterations: int = 500) -> pd.DataFrame:
-    """Every algorithm on every problem: one row an iteration, number 0 the start, until Φ has
+    """Every algorithm on every problem: one row per iteration, number 0 the start, until Φ has
     settled.
 
     Columns: ``problem``, ``run`` (name in ``RUNS``), ``iteration``; ``evaluations``, how often Φ or

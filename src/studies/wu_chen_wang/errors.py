@@ -37,7 +37,7 @@ PARAMETERS = ("a", "b", "c")
 
 
 def errors(fits: Mapping[str, PlaneFit]) -> pd.DataFrame:
-    """Errors of the parameters over a stack of runs: one row a variant.
+    """Errors of the parameters over a stack of runs: one row per variant.
 
     Columns: ``variant``; of a, b and c (in m) ``bias_…``, the mean error, ``median_…``, the median
     absolute error, ``low_…`` and ``high_…``, the quartiles of the error; ``angle_deg``, median
