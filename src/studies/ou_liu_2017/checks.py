@@ -411,11 +411,6 @@ class Check:
     finds: str
     proved: bool = True
 
-    @property
-    def bound(self) -> str:
-        """The first line of its docstring, which states the bound."""
-        return (self.function.__doc__ or "").partition("\n")[0]
-
 
 CHECKS = {
     "σ0 against σs": Check(

@@ -14,7 +14,6 @@ section 3.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -71,48 +70,6 @@ def sphere_cloud(
     return _on_cap(_draw_plan(generator, n), decimals)
 
 
-def with_gross_errors(
-    points: NDArray[np.float64],
-    generator: np.random.Generator,
-    numbers: Sequence[int] = GROSS_POINTS,
-    decimals: int = SPHERE_DECIMALS,
-) -> NDArray[np.float64]:
-    """Return a copy of a cloud with some points replaced by gross errors inside the sphere.
-
-    Each is moved towards the centre by U(1.5, 2.6) m and rounded again. The paper gives the
-    numbers of the points, not the errors; what it implies is their side and size. The algebraic
-    residual of a distance d is d (2R + d): if all gross distances had the same size, σ0/(2Rσs)
-    would be 1 + d/(2R), and the printed 5.2191/(2R · 0.20223) = 0.912 is below 1, so d < 0:
-    inside. And 500 σs² ≈ 20 m² shared by five points makes them 2 m each.
-
-    Parameters
-    ----------
-    points : (n, 3) cloud, m; left unchanged.
-    generator : source of the depths.
-    numbers : which points, counted from 1 as in the paper.
-    decimals : decimals kept of the coordinates in metres.
-
-    Returns
-    -------
-    (n, 3) points, m.
-
-    Raises
-    ------
-    ValueError : a number outside 1 … n.
-
-    Example
-    -------
-    >>> generator = np.random.default_rng(0)
-    >>> clean = sphere_cloud(generator)
-    >>> gross = with_gross_errors(clean, generator)
-    >>> (np.flatnonzero(np.any(gross != clean, axis=1)) + 1).tolist()
-    [12, 15, 53, 67, 465]
-    """
-    if not all(1 <= number <= len(points) for number in numbers):
-        raise ValueError(f"expected point numbers from 1 to {len(points)}, got {tuple(numbers)}")
-    return _moved_inside(points, _draw_depths(generator, len(numbers)), numbers, decimals)
-
-
 def sphere_redraws(n_trials: int, seed: int = SEED, gross: bool = False) -> NDArray[np.float64]:
     """Repeat the simulation: a stack of independent clouds, 12 kB each.
 
@@ -124,7 +81,12 @@ def sphere_redraws(n_trials: int, seed: int = SEED, gross: bool = False) -> NDAr
     ----------
     n_trials : number of clouds, B.
     seed : seed of the study.
-    gross : whether the points `GROSS_POINTS` are gross errors.
+    gross : whether the points `GROSS_POINTS` are gross errors: moved towards the centre by
+        U(1.5, 2.6) m and rounded again. The paper gives the numbers of the points, not the errors;
+        what it implies is their side and size. The algebraic residual of a distance d is
+        d (2R + d): if all gross distances had the same size, σ0/(2Rσs) would be 1 + d/(2R), and the
+        printed 5.2191/(2R · 0.20223) = 0.912 is below 1, so d < 0: inside. And 500 σs² ≈ 20 m²
+        shared by five points makes them 2 m each.
 
     Returns
     -------
@@ -142,7 +104,7 @@ def sphere_redraws(n_trials: int, seed: int = SEED, gross: bool = False) -> NDAr
         plans[trial] = _draw_plan(generator, SPHERE_POINTS)
         depths[trial] = _draw_depths(generator, len(GROSS_POINTS))
     points = _on_cap(plans, SPHERE_DECIMALS)
-    return _moved_inside(points, depths, GROSS_POINTS, SPHERE_DECIMALS) if gross else points
+    return _moved_inside(points, depths) if gross else points
 
 
 def write_sphere_clouds() -> list[Path]:
@@ -199,13 +161,12 @@ def _on_cap(plan: NDArray[np.float64], decimals: int) -> NDArray[np.float64]:
     return np.round(points, decimals, out=points)
 
 
-def _moved_inside(
-    points: NDArray[np.float64], depths: NDArray[np.float64], numbers: Sequence[int], decimals: int
-) -> NDArray[np.float64]:
-    """Return a copy of (…, n, 3) points, those in `numbers` moved inwards by depths (…, k), m."""
+def _moved_inside(points: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a copy of (…, 500, 3) points, the gross ones moved inwards by depths (…, 5), m."""
     moved = points.copy()
-    rows = np.asarray(numbers) - 1
+    rows = np.asarray(GROSS_POINTS) - 1
     radial = points[..., rows, :] - SPHERE_CENTER
     radial /= np.linalg.norm(radial, axis=-1, keepdims=True)
-    moved[..., rows, :] = np.round(points[..., rows, :] - depths[..., None] * radial, decimals)
+    inside = points[..., rows, :] - depths[..., None] * radial
+    moved[..., rows, :] = np.round(inside, SPHERE_DECIMALS)
     return moved

@@ -60,12 +60,11 @@ def test_trials_differ_and_stay_when_their_number_grows(clean, gross):
     assert not np.any(clouds.sphere_redraws(1, seed=clouds.SEED + 1)[0] == clean[0], 0).all()
 
 
-def test_a_trial_is_the_single_cloud_of_its_generator(clean, gross):
+def test_a_trial_is_the_single_cloud_of_its_generator(clean):
     child = np.random.SeedSequence(clouds.SEED).spawn(5)[4]
     generator = np.random.default_rng(child)
     cloud = clouds.sphere_cloud(generator)
     np.testing.assert_array_equal(cloud, clean[4])
-    np.testing.assert_array_equal(clouds.with_gross_errors(cloud, generator), gross[4])
 
 
 def test_gross_redraws_share_the_clean_points(clean, gross):
@@ -86,21 +85,6 @@ def test_gross_points_are_moved_inside_along_the_radius(clean, gross):
     aside = np.linalg.norm(step - depth[..., None] * inward, axis=-1)
     assert aside.max() <= rounding
     np.testing.assert_array_equal(gross, np.round(gross, 2))
-
-
-def test_gross_errors_leave_the_given_cloud_alone_and_take_other_numbers():
-    cloud = clouds.sphere_cloud(np.random.default_rng(0), n=10)
-    before = cloud.copy()
-    moved = clouds.with_gross_errors(cloud, np.random.default_rng(1), numbers=[1, 10])
-    np.testing.assert_array_equal(cloud, before)
-    assert np.flatnonzero(np.any(moved != cloud, axis=1)).tolist() == [0, 9]
-
-
-@pytest.mark.parametrize("number", [0, -1, 11])
-def test_points_are_counted_from_one(number):
-    cloud = clouds.sphere_cloud(np.random.default_rng(0), n=10)
-    with pytest.raises(ValueError, match="expected point numbers from 1 to 10"):
-        clouds.with_gross_errors(cloud, np.random.default_rng(1), numbers=[number])
 
 
 def test_the_committed_clouds_are_regenerated(tmp_path, monkeypatch, clean, gross):
