@@ -12,6 +12,8 @@
     filter_accuracy        points found and lost by the filter, and the deformation it takes off
     section_density        points in a section, and directions without any
     simulated_sections     single sections in both epochs, drawn many times
+    motion_and_shape       mean change, motion of the ring, and change of shape
+    hidden_deformation     what ellipses hide, from their residuals
     section_accuracy       deformation of these sections beside the truth
     false_alarms           of the printed limits, by noise alone
     calibration            whether intervals and tests hold what they state

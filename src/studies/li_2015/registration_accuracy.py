@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from analysis.result import ignore_convergence_warnings
 from analysis.similarity import fit_similarity, umeyama
-from analysis.tunnel.registration import ARCSECONDS, Station, section_errors
+from analysis.tunnel.registration import ARCSECONDS, Station
 
 from ..simulation.tunnel import Epoch, Setup, Tunnel
 from ..simulation.tunnel.campaign import NET_SD, TARGET_SD
@@ -109,6 +109,7 @@ def true_errors(
         )
         seen = pose.to_instrument(points)
         radial = np.sum(normals * (fit.transform(seen) - points), axis=-1)
+        stated = np.einsum("ni,nik->nk", normals, fit.common_errors(seen))
         rows.append(
             {
                 "station": name,
@@ -117,8 +118,7 @@ def true_errors(
                 "rotation_arcsec": ARCSECONDS * np.linalg.norm(turn),
                 "rotation_sd_arcsec": ARCSECONDS * np.sqrt(np.trace(covariance[3:, 3:])),
                 "wall_mm": 1e3 * np.sqrt(np.mean(radial**2)),
-                "wall_sd_mm": 1e3
-                * np.sqrt(np.mean(np.sum(section_errors(fit, seen, normals) ** 2, axis=-1))),
+                "wall_sd_mm": 1e3 * np.sqrt(np.mean(np.sum(stated**2, axis=-1))),
                 "chi_squared": square,
                 "probability": float(chi2.sf(square, 6)),
             }

@@ -14,17 +14,13 @@ import pandas as pd
 from analysis.methods import fit_ellipse
 from analysis.result import rms
 from analysis.surfaces.ellipse import EllipseFit
-from analysis.tunnel.outlines import (
-    hidden_deformation,
-    ovality,
-    quantities,
-    residual_profile,
-    split,
-)
+from analysis.tunnel.outlines import ovality, quantities
 from analysis.tunnel.radii import equal_angles
 from analysis.tunnel.significance import LIMITS, classes, differences, share_beyond
 
 from ..simulation.tunnel import EPOCHS
+from .hidden_deformation import hidden_deformation, residual_profile
+from .motion_and_shape import split
 from .simulated_sections import (
     ALL,
     POLE,

@@ -20,7 +20,7 @@ import numpy as np
 from analysis.methods import fit_ellipse
 from analysis.surfaces.ellipse import EllipseFit
 from analysis.tunnel.block_adjustment import Block
-from analysis.tunnel.outlines import ANGLES, RadialChange, Split, deformation, split
+from analysis.tunnel.outlines import ANGLES, RadialChange, deformation
 from analysis.tunnel.sections import THICKNESS, Section
 
 from .. import parallel
@@ -33,6 +33,7 @@ from ..simulation.tunnel import (
     section_scan,
     survey,
 )
+from .motion_and_shape import Split, split
 
 POLE = np.zeros(2)  # the axis point
 ALL = "all"  # in tables, of all sections together
@@ -248,4 +249,4 @@ def compare_epochs(
 def true_split(angles: np.ndarray, truth: np.ndarray) -> Split:
     """Divide a true δ (K,) as an estimated one."""
     nothing = np.zeros((len(angles), 1))
-    return split(RadialChange(angles, POLE, truth, truth, truth, nothing, np.zeros((1, 1))))
+    return split(RadialChange(angles, truth, truth, truth, nothing, np.zeros((1, 1))))

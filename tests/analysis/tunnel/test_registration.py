@@ -8,14 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.similarity import fit_similarity
-from analysis.tunnel.registration import (
-    check_points,
-    checks,
-    register_stations,
-    residual_table,
-    section_errors,
-    station_table,
-)
+from analysis.tunnel.registration import checks, register_stations, residual_table, station_table
 
 SD = {"scanner_sd": 0.002, "control_sd": 0.001}
 PLACES = {
@@ -249,7 +242,7 @@ def test_error_in_a_section_is_that_of_redrawn_targets_and_does_not_average_out(
     seen = (section - STAND) @ HEADING
     shifts = np.einsum("bni,ni->bn", fits.transform(seen) - section, normals)
     similarity = register(observed())["S1"].similarity
-    G = section_errors(similarity, seen, normals)
+    G = np.einsum("ni,nik->nk", normals, similarity.common_errors(seen))
     assert G.shape == (200, 7)
     np.testing.assert_allclose(shifts.std(axis=0), np.linalg.norm(G, axis=1), rtol=0.04)
     # The section moved to the right as a whole, its crown, and its mean radius, which a rigid
@@ -259,12 +252,6 @@ def test_error_in_a_section_is_that_of_redrawn_targets_and_does_not_average_out(
     right = np.linalg.norm(2 * np.cos(angle) / 200 @ G)
     assert right > 0.9 * np.linalg.norm(G[0])  # 200 points know it no better than one
     assert np.linalg.norm(np.ones(200) / 200 @ G) < 1e-3 * right
-
-
-def test_section_errors_are_checked():
-    similarity = register(observed())["S1"].similarity
-    with pytest.raises(ValueError, match="points, normals: expected the same shape"):
-        section_errors(similarity, np.zeros((3, 3)), np.zeros((2, 3)))
 
 
 def test_station_table_states_what_the_redraws_show():
@@ -289,42 +276,3 @@ def test_station_table_states_what_the_redraws_show():
     )
     assert table["roll_arcsec"] >= table["rot_y_arcsec"] > 3 * table["rot_z_arcsec"]
     assert (table["targets"], table["in_use"]) == (6, 6)
-
-
-# ------------------------------------------------------------------ check points
-
-
-def test_check_points_separate_what_is_systematic():
-    draw = np.random.default_rng(3)
-    surveyed = draw.uniform(0, 50, (4000, 3))
-    derived = (
-        surveyed
-        + [0.003, 0, -0.001]
-        + 0.002 * draw.standard_normal((4000, 3))
-        - 0.001 * draw.standard_normal((4000, 3))
-    )
-    table = check_points(derived, surveyed, surveyed_sd=0.001).set_index("coordinate")
-    np.testing.assert_allclose(table["bias_mm"], [3, 0, -1, np.sqrt(10)], atol=0.12)
-    np.testing.assert_allclose(table["sd_mm"], np.sqrt([5, 5, 5, 15]), rtol=0.04)
-    np.testing.assert_allclose(table["m_mm"], np.sqrt([14, 5, 6, 25]), rtol=0.04)
-    np.testing.assert_allclose(table["scanner_mm"], np.sqrt([13, 4, 5, 22]), rtol=0.05)
-    np.testing.assert_allclose(
-        table["m_mm"].iloc[3], np.linalg.norm(table["m_mm"].iloc[:3]), rtol=1e-12
-    )
-
-
-def test_interval_of_check_points_covers_as_often_as_it_says():
-    draw = np.random.default_rng(4)
-    tables = [
-        check_points(0.002 * draw.standard_normal((8, 3)), np.zeros((8, 3))) for _ in range(600)
-    ]
-    for row, sigma in enumerate([2, 2, 2, 2 * np.sqrt(3)]):
-        covered = np.mean(
-            [table["low_mm"][row] < sigma < table["high_mm"][row] for table in tables]
-        )
-        assert 0.92 < covered < 0.98
-
-
-def test_check_points_are_checked():
-    with pytest.raises(ValueError, match="derived, surveyed: expected the same shape"):
-        check_points(np.zeros((1, 3)), np.zeros((1, 3)))

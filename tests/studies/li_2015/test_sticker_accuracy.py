@@ -19,6 +19,40 @@ def test_exact_stickers_agree(surveyed):
     assert sticker_accuracy.accuracy(differences)["m_mm"].max() < 1e-6
 
 
+def frame_of(offsets):
+    return pd.DataFrame(offsets, columns=["dx_mm", "dy_mm", "dz_mm"])
+
+
+def test_accuracy_separates_what_is_systematic():
+    """A bias, a scanner of 2 mm and a total station of 1 mm per coordinate."""
+    draw = np.random.default_rng(3)
+    noise = 2.0 * draw.standard_normal((4000, 3)) - draw.standard_normal((4000, 3))
+    table = sticker_accuracy.accuracy(frame_of([3.0, 0.0, -1.0] + noise))
+    np.testing.assert_allclose(table["bias_mm"], [3, 0, -1, np.sqrt(10)], atol=0.12)
+    np.testing.assert_allclose(table["sd_mm"], np.sqrt([5, 5, 5, 15]), rtol=0.04)
+    np.testing.assert_allclose(table["m_mm"], np.sqrt([14, 5, 6, 25]), rtol=0.04)
+    np.testing.assert_allclose(table["scanner_mm"], np.sqrt([13, 4, 5, 22]), rtol=0.05)
+    np.testing.assert_allclose(
+        table["m_mm"].iloc[3], np.linalg.norm(table["m_mm"].iloc[:3]), rtol=1e-12
+    )
+    assert table["within_limit"].tolist() == ["yes"] * 4 and (table["n"] == 4000).all()
+
+
+def test_interval_of_the_accuracy_covers_as_often_as_it_says():
+    draw = np.random.default_rng(4)
+    tables = [
+        sticker_accuracy.accuracy(frame_of(2.0 * draw.standard_normal((8, 3)))) for _ in range(600)
+    ]
+    for row, sigma in enumerate([2, 2, 2, 2 * np.sqrt(3)]):
+        covered = [table["low_mm"][row] < sigma < table["high_mm"][row] for table in tables]
+        assert 0.92 < np.mean(covered) < 0.98
+
+
+def test_one_sticker_has_no_scatter():
+    with pytest.raises(ValueError, match="at least 2 stickers, got 1"):
+        sticker_accuracy.accuracy(frame_of(np.zeros((1, 3))))
+
+
 def synthetic(common, rng=5):
     generator = np.random.default_rng(rng)
     offsets = common * generator.standard_normal((8, 1, 3)) + generator.standard_normal((8, 10, 3))
