@@ -149,8 +149,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(result: EpochComparison, folder: Path) -> list[Path]:
     """Tables and figures; returns the tables, beside each of which but the first a figure lies."""
+    # takes its time to load, which the other commands need not wait for
+    from ..export import tunnel_figures as figures
     from ..export.figures import into
-    from . import figures  # takes its time to load, which the other commands need not wait for
 
     publish = into(folder)
     table = result.table()

@@ -30,7 +30,6 @@ from ..surfaces.ellipse import EllipseFit
 
 # the track bed hides the rest (Li et al. 2015, section 4.2.2)
 ANGLES = np.deg2rad(np.arange(-135.0, 136.0))
-TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % at the normal law
 
 
 @dataclass(frozen=True, eq=False)

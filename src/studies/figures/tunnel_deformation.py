@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from analysis.export.figures import GREY, GROSS, TRUTH, headed, new
-from analysis.tunnel.figures import CLASS_COLOURS, CLASS_MARKS, CLASS_NAMES
+from analysis.export.tunnel_figures import CLASS_COLOURS, CLASS_MARKS, CLASS_NAMES
 from analysis.tunnel.outlines import ANGLES
 from analysis.tunnel.significance import CLASSES
 

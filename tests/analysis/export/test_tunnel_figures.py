@@ -8,10 +8,11 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.collections import QuadMesh
 
+from analysis.export import tunnel_figures as figures
 from analysis.export.figures import into
-from analysis.tunnel import figures
 from analysis.tunnel.axis import straight
 from analysis.tunnel.comparison import compare
+from analysis.tunnel.significance import CLASSES
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +51,11 @@ class Published(dict):
 def publish():
     yield Published()
     pyplot.close("all")
+
+
+def test_every_class_has_its_look():
+    for looks in (figures.CLASS_COLOURS, figures.CLASS_MARKS, figures.CLASS_NAMES):
+        assert tuple(looks) == CLASSES
 
 
 def assert_exported(found, expected):

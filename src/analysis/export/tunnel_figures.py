@@ -1,28 +1,28 @@
 """Figures of two epochs of a tunnel: the lining unrolled, one section, the course along the tunnel.
 
-Shared by the notebooks on the tunnel and by ``python -m analysis tunnel``. Every function draws
-from what
-:func:`analysis.tunnel.comparison.compare` returns, and hands figure, stem and what is shown to
-``publish``.
+Every function draws from what :func:`analysis.tunnel.comparison.compare` returns, and hands figure,
+stem and what is shown to ``publish``.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch, Rectangle
 
-from ..export.figures import GREY, TRUTH, Publish, headed, new
-from .comparison import ComparedSection, EpochComparison
-from .outlines import TWO_SIDED
-from .significance import CLASSES
+from .figures import GREY, TRUTH, Publish, headed, new
 
-CLASS_COLOURS = dict(zip(CLASSES, ("#1A1A1A", "#2F7FD6", "#E0261B"), strict=True))
-CLASS_MARKS = dict(zip(CLASSES, (".", "^", "s"), strict=True))
-CLASS_NAMES = dict(zip(CLASSES, ("up to 6 mm", "6 to 12 mm", "beyond 12 mm"), strict=True))
+if TYPE_CHECKING:
+    from ..tunnel.comparison import ComparedSection, EpochComparison
+
+# The classes of a difference, as in analysis.tunnel.significance.
+CLASS_COLOURS = {"black": "#1A1A1A", "blue": "#2F7FD6", "red": "#E0261B"}
+CLASS_MARKS = {"black": ".", "blue": "^", "red": "s"}
+CLASS_NAMES = {"black": "up to 6 mm", "blue": "6 to 12 mm", "red": "beyond 12 mm"}
+TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % at the normal law
 UNSEEN: dict[str, Any] = {
     "facecolor": "white",
     "edgecolor": GREY,
@@ -52,12 +52,8 @@ def changes(comparison: EpochComparison, stem: str, *, publish: Publish) -> None
     degrees = np.degrees(comparison.sections[0].radii[0].directions)
     shape = len(chainages), len(degrees)
     # NaN: a gap
-    numbers = (
-        data["class"]
-        .map({name: place for place, name in enumerate(CLASSES)})
-        .to_numpy(float)
-        .reshape(shape)
-    )
+    places = {name: place for place, name in enumerate(CLASS_NAMES)}
+    numbers = data["class"].map(places).to_numpy(float).reshape(shape)
     delta = data["difference_mm"].to_numpy().reshape(shape)
     known = np.where(data["significant"].to_numpy().reshape(shape), delta, np.nan)
     figure, (above, below) = new(2, 1, height=4.6, sharex=True, sharey=True)
@@ -70,7 +66,7 @@ def changes(comparison: EpochComparison, stem: str, *, publish: Publish) -> None
         edges = [chainage - half, chainage + half], _edges(degrees)
         style = {"rasterized": True}
         above.pcolormesh(
-            *edges, number[:, None], cmap=colours, vmin=-0.5, vmax=len(CLASSES) - 0.5, **style
+            *edges, number[:, None], cmap=colours, vmin=-0.5, vmax=len(places) - 0.5, **style
         )
         seen = np.where(np.isnan(all_seen), np.nan, 0.0)
         below.pcolormesh(*edges, seen[:, None], cmap=ListedColormap([NOT_SIGNIFICANT]), **style)
@@ -233,7 +229,7 @@ def _outlines(ax, compared: ComparedSection, data: pd.DataFrame) -> float:
         moved = base + times * known
         ax.plot(moved * sine, moved * cosine, color=SECOND, label="second epoch, ellipse")
     moved = first + times * change
-    for name in CLASSES:
+    for name in CLASS_NAMES:
         of = (data["class"] == name).to_numpy()
         ax.plot(
             (moved * sine)[of],
@@ -254,7 +250,7 @@ def _profile(ax, data: pd.DataFrame) -> None:
     """Draw Δρ(α): measured by direction, of the ellipses with their band, detectable, and true."""
     degrees = data["angle_deg"]
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
-    for name in CLASSES:
+    for name in CLASS_NAMES:
         of = data["class"] == name
         label = f"measured, {CLASS_NAMES[name]}"
         ax.plot(
