@@ -75,8 +75,8 @@ def test_changes(comparison, publish):
     for (chainage, rows), shown, grey, change in zip(
         data.groupby("chainage_m"), classes, seen, changes, strict=True
     ):
-        names = np.append(list(figures.CLASSES), "gap")
-        numbers = shown.get_array().ravel().filled(len(figures.CLASSES)).astype(int)
+        names = np.append(list(CLASSES), "gap")
+        numbers = shown.get_array().ravel().filled(len(CLASSES)).astype(int)
         assert names[numbers].tolist() == rows["class"].tolist()
         corners = shown.get_coordinates()
         assert corners[..., 0].min() < chainage < corners[..., 0].max()
