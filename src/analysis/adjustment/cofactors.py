@@ -21,22 +21,15 @@ import numpy as np
 
 from .linalg import cofactor_from_normal, propagate
 from .problem import EIVProblem
-from .steps import derivatives, misclosures
+from .steps import Evaluation, derivatives
 
 
 def gauss_newton_cofactor(
     problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0
 ) -> np.ndarray:
-    """Cofactor ``(ÃᵀWÃ)⁻¹`` of x, (…, m, m), with the adjusted rows ``Ã = A − Ẽ``.
-
-    ``weights`` ω act on whole rows.
-    """
-    cofactors = problem.cofactors
-    z, r = misclosures(problem, x)
-    s = cofactors.misclosure(z)
-    t = cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    adjusted = problem.rows[..., : problem.parameters, :] - cofactors.errors(z, t)
-    return cofactor_from_normal(cofactors.weigh(s, adjusted, weights) @ adjusted.swapaxes(-1, -2))
+    """Cofactor ``(ÃᵀWÃ)⁻¹`` of x, (…, m, m); ``weights`` ω act on whole rows."""
+    at = Evaluation(problem, x)
+    return cofactor_from_normal(at.weigh(at.adjusted, weights) @ at.adjusted.mT)
 
 
 def inverse_hessian_cofactor(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
@@ -52,20 +45,13 @@ def propagated_cofactor(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
 
     Source: Malengo & Pennecchi 2013, there for a straight line.
     """
-    m = problem.parameters
-    cofactors = problem.cofactors
-    z, r = misclosures(problem, x)
-    s = cofactors.misclosure(z)
-    multipliers = cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    errors = cofactors.errors(z, multipliers)
-    slope = cofactors.slope(z, multipliers, errors)
+    at = Evaluation(problem, x)
+    slope, V = at.slope, at.curvature
     # the slope is cov(A_j, r)λ = Ẽ_j and its transpose's part, T_j
-    B, T = problem.rows[..., :m, :] - slope, slope - errors
-    weighed = cofactors.weigh(s, B)
-    V = cofactors.weighted_sum(multipliers, multipliers)[..., :m, :m]
-    BWB, BWT = weighed @ B.swapaxes(-1, -2), weighed @ T.swapaxes(-1, -2)
-    inverse = cofactor_from_normal(BWB - V)
-    return propagate(BWB + BWT + BWT.swapaxes(-1, -2) + V, inverse)
+    B, T = at.columns - slope, slope - at.errors
+    weighed = at.weigh(B)
+    BWB, BWT = weighed @ B.mT, weighed @ T.mT
+    return propagate(BWB + BWT + BWT.mT + V, cofactor_from_normal(BWB - V))
 
 
 CONVENTIONS: dict[str, Callable] = {

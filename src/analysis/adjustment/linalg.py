@@ -32,13 +32,13 @@ def unit_weight_sd(objective, redundancy: int):
 def cofactor_from_factor(R: np.ndarray) -> np.ndarray:
     """Cofactor ``(RᵀR)⁻¹ = R⁻¹R⁻ᵀ`` of parameters from a triangular factor ``(…, m, m)``."""
     root = solve(R, np.broadcast_to(np.eye(R.shape[-1]), R.shape))
-    return root @ root.swapaxes(-1, -2)
+    return root @ root.mT
 
 
 def cofactor_from_normal(N: np.ndarray) -> np.ndarray:
     """Cofactor ``N⁻¹`` of parameters from a normal matrix ``(…, m, m)``, exactly symmetric."""
     cofactor = solve(N, np.broadcast_to(np.eye(N.shape[-1]), N.shape))
-    return 0.5 * (cofactor + cofactor.swapaxes(-1, -2))
+    return 0.5 * (cofactor + cofactor.mT)
 
 
 def propagate(cofactor: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def propagate(cofactor: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     >>> propagate(np.eye(2), np.array([[1.0, 1.0]]))
     array([[2.]])
     """
-    return jacobian @ cofactor @ jacobian.swapaxes(-1, -2)
+    return jacobian @ cofactor @ jacobian.mT
 
 
 def solve(N: np.ndarray, right: np.ndarray) -> np.ndarray:

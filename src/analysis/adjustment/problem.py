@@ -23,62 +23,55 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from .iteration import Stack
 from .linalg import solve
 
 
-class Cofactors(Protocol):
+class Cofactors(Stack, ABC):
     """A structure of the cofactors of the rows, as the solvers use it.
 
     ``z = (−x, 1)`` (…, m+1) stands for the parameters, λ for the multipliers ``S⁻¹r`` (…, n).
     """
 
+    @abstractmethod
     def misclosure(self, z: np.ndarray) -> np.ndarray:
         """Cofactor of the misclosures: its diagonal s (…, n), or the matrix S (…, n, n)."""
-        ...
 
+    @abstractmethod
     def weigh(self, s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
         """``ω S⁻¹`` times each of the ``columns`` (…, k, n); ``weights`` ω (…, n) or 1."""
-        ...
 
+    @abstractmethod
     def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Predicted errors of A, ``ẽ = Q Bᵀ λ`` without its y part, (…, m, n)."""
-        ...
 
+    @abstractmethod
     def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
         """``−(∂S/∂x_j) λ``, (…, m, n), from the predicted errors."""
-        ...
 
+    @abstractmethod
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
         """``Σ λ_i t_i Q_i``, (…, m+1, m+1); what only y has may be left out of its last element."""
-        ...
-
-    def __getitem__(self, keep) -> Cofactors:
-        """Those of some problems of a stack."""
-        ...
 
 
-class IndependentRows(ABC):
+class IndependentRows(Cofactors):
     """Base of the structures with independent rows: one misclosure cofactor s (…, n) per row."""
 
     @abstractmethod
     def column_cofactors(self, z: np.ndarray) -> np.ndarray:
         """``Q_i z`` without its y component, (…, m, n)."""
 
-    @staticmethod
-    def weigh(s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
+    def weigh(self, s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
         return columns * (weights / s)[..., None, :]
 
     def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         return self.column_cofactors(z) * multipliers[..., None, :]
 
-    @staticmethod
-    def slope(z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
-        """``−(∂S/∂x_j) λ`` = 2ẽ, because each Q_i is symmetric."""
-        return 2.0 * errors
+    def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        return 2.0 * errors  # because each Q_i is symmetric
 
 
 @dataclass(frozen=True)
@@ -95,33 +88,18 @@ class CommonCofactors(IndependentRows):
     h: np.ndarray
 
     def misclosure(self, z: np.ndarray) -> np.ndarray:
-        """Cofactor ``s_i = g_i zᵀCz + h_i`` of the misclosures, (…, n)."""
         return np.einsum("...i,...ij,...j->...", z, self.C, z)[..., None] * self.g + self.h
 
     def column_cofactors(self, z: np.ndarray) -> np.ndarray:
         return np.einsum("...ij,...j->...i", self.C, z)[..., :-1, None] * self.g[..., None, :]
 
     def weighted_sum(self, multipliers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """``Σ λ_i t_i Q_i`` without what h adds to its last element."""
         g = np.broadcast_to(self.g, t.shape)
         return np.einsum("...n,...n,...n->...", multipliers, t, g)[..., None, None] * self.C
 
     def transformed(self, L: np.ndarray) -> CommonCofactors:
-        """Cofactors of the rows ``L ℓ_i``.
-
-        The last column of L must be a multiple of e, so that h stays y's own.
-        """
-        h = self.h * L[..., -1, -1, None] ** 2
-        return CommonCofactors(L @ self.C @ L.swapaxes(-1, -2), self.g, h)
-
-    def flattened(self, lead: tuple[int, ...]) -> CommonCofactors:
-        """Cofactors of the stack in which the leading axes ``lead`` are made one."""
-        return CommonCofactors(
-            _flat(self.C, lead, 2), _flat(self.g, lead, 1), _flat(self.h, lead, 1)
-        )
-
-    def __getitem__(self, keep) -> CommonCofactors:
-        return CommonCofactors(self.C[keep], self.g[keep], self.h[keep])
+        """Cofactors of the rows ``L ℓ_i``; the last column of L must be a multiple of e."""
+        return CommonCofactors(L @ self.C @ L.mT, self.g, self.h * L[..., -1, -1, None] ** 2)
 
 
 @dataclass(frozen=True)
@@ -140,18 +118,13 @@ class RowCofactors(IndependentRows):
         return np.einsum("...n,...nij->...ij", multipliers * t, self.Q)
 
     def transformed(self, L: np.ndarray) -> RowCofactors:
+        """Cofactors of the rows ``L ℓ_i``."""
         L = L[..., None, :, :]
-        return RowCofactors(L @ self.Q @ L.swapaxes(-1, -2))
-
-    def flattened(self, lead: tuple[int, ...]) -> RowCofactors:
-        return RowCofactors(_flat(self.Q, lead, 3))
-
-    def __getitem__(self, keep) -> RowCofactors:
-        return RowCofactors(self.Q[keep])
+        return RowCofactors(L @ self.Q @ L.mT)
 
 
 @dataclass(frozen=True)
-class DenseCofactors:
+class DenseCofactors(Cofactors):
     """Any joint cofactor of all rows, as blocks ``Q[…, j, k]`` (n, n) = cov(column j, column k).
 
     Column m is y. The only place where an n×n matrix is formed: for problems correlated from row to
@@ -164,29 +137,21 @@ class DenseCofactors:
     def from_blocks(cls, Q_y: np.ndarray, Q_A: np.ndarray, Q_Ay: np.ndarray) -> DenseCofactors:
         """From ``Q_y`` (n, n), ``Q_A`` (nm, nm) of vec(A) column by column and ``Q_Ay`` (nm, n)."""
         n = len(Q_y)
-        m = len(Q_A) // n
-        Q = np.empty((m + 1, m + 1, n, n))
-        Q[:m, :m] = Q_A.reshape(m, n, m, n).swapaxes(1, 2)
-        Q[:m, m] = Q_Ay.reshape(m, n, n)
-        Q[m, :m] = Q[:m, m].swapaxes(-1, -2)
-        Q[m, m] = Q_y
-        return cls(Q)
+        joint = np.block([[Q_A, Q_Ay], [Q_Ay.T, Q_y]])
+        return cls(joint.reshape(-1, n, len(joint) // n, n).swapaxes(1, 2))
 
     def misclosure(self, z: np.ndarray) -> np.ndarray:
-        """Cofactor ``S = B Q Bᵀ`` of the misclosures, (…, n, n)."""
         return np.einsum("...j,...jkab,...k->...ab", z, self.Q, z, optimize=True)
 
-    @staticmethod
-    def weigh(S: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
-        """``S⁻¹`` times each of the ``columns``: correlated rows take no weights ω but 1."""
-        return solve(S, columns.swapaxes(-1, -2)).swapaxes(-1, -2)
+    def weigh(self, s: np.ndarray, columns: np.ndarray, weights=1.0) -> np.ndarray:
+        return solve(s, columns.mT).mT  # correlated rows take no weights ω but 1
 
     def errors(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         joint = np.einsum("...jkab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)
         return joint[..., :-1, :]
 
     def slope(self, z: np.ndarray, multipliers: np.ndarray, errors: np.ndarray) -> np.ndarray:
-        """``−(∂S/∂x_j) λ``, (…, m, n): the predicted errors and their transposed counterpart."""
+        # the predicted errors and their transposed counterpart
         transposed = np.einsum("...kjab,...k,...b->...ja", self.Q, z, multipliers, optimize=True)
         return errors + transposed[..., :-1, :]
 
@@ -194,19 +159,13 @@ class DenseCofactors:
         return np.einsum("...a,...jkab,...b->...jk", multipliers, self.Q, t, optimize=True)
 
     def transformed(self, L: np.ndarray) -> DenseCofactors:
-        return DenseCofactors(
-            np.einsum("...ij,...jkab,...lk->...ilab", L, self.Q, L, optimize=True)
-        )
-
-    def flattened(self, lead: tuple[int, ...]) -> DenseCofactors:
-        return DenseCofactors(_flat(self.Q, lead, 4))
-
-    def __getitem__(self, keep) -> DenseCofactors:
-        return DenseCofactors(self.Q[keep])
+        """Cofactors of the rows ``L ℓ_i``."""
+        Q = np.einsum("...ij,...jkab,...lk->...ilab", L, self.Q, L, optimize=True)
+        return DenseCofactors(Q)
 
 
 @dataclass(frozen=True)
-class EIVProblem:
+class EIVProblem(Stack):
     """Rows ``(…, m+1, n)`` of ``[A | y]``, one array per column, with cofactors of their errors."""
 
     rows: np.ndarray
@@ -219,13 +178,3 @@ class EIVProblem:
     @property
     def parameters(self) -> int:
         return self.rows.shape[-2] - 1
-
-    def __getitem__(self, keep) -> EIVProblem:
-        """The problems of a stack that ``keep`` (a mask over the leading axis) selects."""
-        return EIVProblem(self.rows[keep], self.cofactors[keep])
-
-
-def _flat(array: np.ndarray, lead: tuple[int, ...], core: int) -> np.ndarray:
-    """``array`` with its leading axes, all but ``core``, broadcast to ``lead`` and made one."""
-    kept = array.shape[array.ndim - core :]
-    return np.broadcast_to(array, lead + kept).reshape((-1,) + kept)

@@ -39,7 +39,7 @@ def bfgs(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
     """
     rho = 1.0 / _dot(v, s)[..., None, None]
     left = np.eye(s.shape[-1]) - rho * _outer(s, v)
-    return left @ H @ left.swapaxes(-1, -2) + rho * _outer(s, s)
+    return left @ H @ left.mT + rho * _outer(s, s)
 
 
 def dfp(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -52,11 +52,8 @@ def dfp(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
     array([1., 1.])
     """
     Hv = _times(H, v)
-    return (
-        H
-        + _outer(s, s) / _dot(s, v)[..., None, None]
-        - _outer(Hv, Hv) / _dot(v, Hv)[..., None, None]
-    )
+    vs, vHv = _dot(s, v)[..., None, None], _dot(v, Hv)[..., None, None]
+    return H + _outer(s, s) / vs - _outer(Hv, Hv) / vHv
 
 
 @dataclass(frozen=True)
@@ -134,9 +131,7 @@ def minimise(
     return state.x, convergence
 
 
-def line_search(
-    problem: EIVProblem, x, d, value, gradient, armijo: float = ARMIJO, curvature: float = CURVATURE
-):
+def line_search(problem: EIVProblem, x, d, value, gradient):
     """Step lengths α (B,) along d that meet the strong Wolfe conditions.
 
     With ``φ(α) = f(x + α d)``, f = Φ/2, they are
@@ -169,9 +164,9 @@ def line_search(
         f, g = value_and_gradient(here, x[searched] + a[:, None] * d[searched])
         f, now = 0.5 * f, _dot(g, d[searched])
         tried[searched] += 1
-        falls = f <= phi + armijo * a * first
+        falls = f <= phi + ARMIJO * a * first
         falls |= (f <= phi * (1 + ROUNDED)) & (now <= (2 * APPROXIMATE - 1) * first)
-        found = falls & (np.abs(now) <= curvature * np.abs(first))
+        found = falls & (np.abs(now) <= CURVATURE * np.abs(first))
         ended = searched[found]
         accepted[ended], new_value[ended], new_gradient[ended] = a[found], f[found], g[found]
         ahead = falls & (now < 0)  # the minimum lies ahead, else behind
@@ -197,9 +192,8 @@ def _next_trial(low: np.ndarray, high: np.ndarray, slope: np.ndarray) -> np.ndar
     secant = a + width * steep / (steep - end_steep)
     parabola = a - 0.5 * steep * width**2 / (end_phi - phi - steep * width)
     inside = np.where(end_phi > phi * (1 + ROUNDED), parabola, secant)
-    inside = np.where(
-        np.isfinite(inside), np.clip(inside, a + 0.1 * width, b - 0.1 * width), a + 0.5 * width
-    )
+    clipped = np.clip(inside, a + 0.1 * width, b - 0.1 * width)
+    inside = np.where(np.isfinite(inside), clipped, a + 0.5 * width)
     ahead = a * slope / (slope - steep)
     ahead = np.where(ahead > 0, np.clip(ahead, 2 * a, 10 * a), 10 * a)
     return np.where(np.isfinite(b), inside, ahead)

@@ -23,7 +23,6 @@ The sources print most of them as ``x⁺ = N⁻¹(…)``. The increment is the s
 rounding.
 
 A step takes a problem or a stack of them and x (…, m), and returns x⁺; where N is singular, NaN.
-:func:`iterate_to_convergence` repeats it.
 
 A line with errors in the second column of A and in y:
 
@@ -42,6 +41,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -53,8 +54,67 @@ from .problem import EIVProblem
 FLAT = 0.01
 HALVINGS = 20  # of a Gauss-Newton step that climbs; it leads downhill, so that a few are enough
 
+Misclosures: TypeAlias = tuple[np.ndarray, np.ndarray]
 
-def misclosures(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+
+class Evaluation:
+    """Evaluation of a problem at x (…, m): ``z = (−x, 1)``, misclosures ``r = y − A x``, s or S.
+
+    From these follow the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ, the value of Φ and its
+    derivatives.
+    """
+
+    def __init__(self, problem: EIVProblem, x: np.ndarray, known: Misclosures | None = None):
+        """``known`` are z and r at x where a caller has them already."""
+        self.x, self.rows, self.cofactors = x, problem.rows, problem.cofactors
+        self.columns = problem.rows[..., :-1, :]
+        self.z, self.r = known or misclosures(problem, x)
+        self.s = self.cofactors.misclosure(self.z)
+
+    def weigh(self, columns: np.ndarray, weights: np.ndarray | float = 1.0) -> np.ndarray:
+        """``ω S⁻¹`` times each of the ``columns`` (…, k, n)."""
+        return self.cofactors.weigh(self.s, columns, weights)
+
+    def value(self, weights: np.ndarray | float = 1.0) -> np.ndarray:
+        """``Φ = Σ ω r²/s``, or ``rᵀS⁻¹r``, (…)."""
+        return np.sum(self.weigh(self.r[..., None, :], weights)[..., 0, :] * self.r, axis=-1)
+
+    @cached_property
+    def multipliers(self) -> np.ndarray:
+        """``λ = S⁻¹r``, (…, n)."""
+        return self.weigh(self.r[..., None, :])[..., 0, :]
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """Predicted errors Ẽ of A, (…, m, n)."""
+        return self.cofactors.errors(self.z, self.multipliers)
+
+    @cached_property
+    def adjusted(self) -> np.ndarray:
+        """``Ã = A − Ẽ``, (…, m, n)."""
+        return self.columns - self.errors
+
+    @property
+    def slope(self) -> np.ndarray:
+        """``−(∂S/∂x_j) λ``, (…, m, n)."""
+        return self.cofactors.slope(self.z, self.multipliers, self.errors)
+
+    @property
+    def descent(self) -> np.ndarray:
+        """``−½∇Φ = Ãᵀλ``, (…, m)."""
+        return _times(self.adjusted, self.multipliers)
+
+    @property
+    def curvature(self) -> np.ndarray:
+        """``V = Σ λ² Q`` of the columns of A, (…, m, m)."""
+        return self.cofactors.weighted_sum(self.multipliers, self.multipliers)[..., :-1, :-1]
+
+    def step(self, N: np.ndarray) -> np.ndarray:
+        """``x⁺ = x + N⁻¹ Ãᵀλ`` for a matrix N (…, m, m)."""
+        return self.x + solve(N, self.descent[..., None])[..., 0]
+
+
+def misclosures(problem: EIVProblem, x: np.ndarray) -> Misclosures:
     """``z = (−x, 1)`` (…, m+1) and the misclosures ``r = y − A x`` (…, n)."""
     z = np.concatenate([-x, np.ones(x.shape[:-1] + (1,))], axis=-1)
     return z, (z[..., None, :] @ problem.rows)[..., 0, :]
@@ -62,41 +122,25 @@ def misclosures(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def objective(problem: EIVProblem, x: np.ndarray, weights: np.ndarray | float = 1.0) -> np.ndarray:
     """``Φ(x) = Σ ω r²/s``, or ``rᵀS⁻¹r``: the least weighted sum of squared errors for x."""
-    z, r = misclosures(problem, x)
-    s = problem.cofactors.misclosure(z)
-    multipliers = problem.cofactors.weigh(s, r[..., None, :], weights)[..., 0, :]
-    return np.sum(multipliers * r, axis=-1)
+    return Evaluation(problem, x).value(weights)
 
 
 def value_and_gradient(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``Φ`` (…) and half its gradient ``½∇Φ = −Ãᵀλ`` (…, m)."""
-    z, r = misclosures(problem, x)
-    s = problem.cofactors.misclosure(z)
-    multipliers = problem.cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    adjusted = problem.rows[..., :-1, :] - problem.cofactors.errors(z, multipliers)
-    return np.sum(multipliers * r, axis=-1), -_times(adjusted, multipliers)
+    at = Evaluation(problem, x)
+    return np.sum(at.multipliers * at.r, axis=-1), -at.descent
 
 
 def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``Φ = rᵀS⁻¹r`` with half its gradient (…, m) and half its exact Hessian (…, m, m).
 
-    ``½∇Φ = −(A − Ẽ)ᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``λ = S⁻¹r``, ``B = A − slope``,
-    ``V = Σ λ² Q``.
+    ``½∇Φ = −Ãᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``B = A − slope``.
 
     Source: Fang 2013, for independent rows; the slope is that of S in full.
     """
-    m = problem.parameters
-    cofactors = problem.cofactors
-    z, r = misclosures(problem, x)
-    s = cofactors.misclosure(z)
-    multipliers = cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    columns = problem.rows[..., :m, :]
-    errors = cofactors.errors(z, multipliers)
-    gradient = -_times(columns - errors, multipliers)
-    B = columns - cofactors.slope(z, multipliers, errors)
-    hessian = cofactors.weigh(s, B) @ B.swapaxes(-1, -2)
-    hessian -= cofactors.weighted_sum(multipliers, multipliers)[..., :m, :m]
-    return np.sum(multipliers * r, axis=-1), gradient, hessian
+    at = Evaluation(problem, x)
+    B = at.columns - at.slope
+    return at.value(), -at.descent, at.weigh(B) @ B.mT - at.curvature
 
 
 def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
@@ -108,9 +152,7 @@ def newton_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     value, gradient, hessian = derivatives(problem, x)
     step = -solve(hessian, gradient[..., None])[..., 0]
     highest = value * (1 + 1e-12)
-    fine = np.isfinite(hessian).all(axis=(-1, -2))
-    curved = np.linalg.eigvalsh(np.where(fine[..., None, None], hessian, 0.0))[..., 0] > 0
-    good = curved & (objective(problem, x + step) <= highest)
+    good = (_eigenvalues(hessian)[..., 0] > 0) & (objective(problem, x + step) <= highest)
     if np.all(good):
         return x + step
     other = shen_step(problem, x) - x
@@ -128,70 +170,46 @@ def schaffrin_wieser_step(
     """One step ``x⁺ = (AᵀWA − V)⁻¹ (AᵀWy − v)`` from x; robust ``weights`` ω ≥ 0 act on whole rows.
 
     ``W = ω/s``, ``t = r/s`` and ``[V v] = Σ ω t² Q_i`` (for the Kronecker form V = ν Q_0). Computed
-    as the increment ``(AᵀWA − V)⁻¹ (AᵀWr + Vx − v)``, which is the same and loses less to rounding.
-    Nothing is divided by ω, so a weight of zero takes its row out and leaves no NaN behind.
-    ``known`` are the :func:`misclosures` at x where a caller has them already.
+    as the increment ``(AᵀWA − V)⁻¹ (AᵀWr + Vx − v)``. Nothing is divided by ω, so a weight of zero
+    takes its row out and leaves no NaN behind. ``known`` as for :class:`Evaluation`.
 
     Source: Schaffrin & Wieser 2008; Ou & Liu 2017, eqs. (16)-(17), with V and v extended to any
     cofactors of the rows.
     """
-    m = problem.parameters
-    cofactors = problem.cofactors
-    z, r = known or misclosures(problem, x)
-    s = cofactors.misclosure(z)
-    t = cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    columns = problem.rows[..., :m, :]
-    weighed = cofactors.weigh(s, columns, weights)
-    V = cofactors.weighted_sum(weights * t, t)[..., :m, :]
-    right = weighed @ r[..., None] - V @ z[..., None]
-    return x + solve(weighed @ columns.swapaxes(-1, -2) - V[..., :m], right)[..., 0]
+    at = Evaluation(problem, x, known)
+    weighed = at.weigh(at.columns, weights)
+    V = at.cofactors.weighted_sum(weights * at.multipliers, at.multipliers)[..., :-1, :]
+    right = weighed @ at.r[..., None] - V @ at.z[..., None]
+    return x + solve(weighed @ at.columns.mT - V[..., :-1], right)[..., 0]
 
 
 def shen_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """One Gauss-Newton step ``x⁺ = x + (ÃᵀWÃ)⁻¹ ÃᵀWr``; that of Gauss-Helmert adjustment.
-
-    Source: Shen, Li & Chen 2011; Neitzel 2010.
-    """
-    columns, errors, s, multipliers = _adjustment(problem, x)
-    adjusted = columns - errors
-    N = problem.cofactors.weigh(s, adjusted) @ adjusted.swapaxes(-1, -2)
-    return x + solve(N, _times(adjusted, multipliers)[..., None])[..., 0]
+    """One Gauss-Newton step, ``N = ÃᵀWÃ``; that of Gauss-Helmert adjustment."""
+    at = Evaluation(problem, x)
+    return at.step(at.weigh(at.adjusted) @ at.adjusted.mT)
 
 
 def amiri_simkooei_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
     """One step ``x⁺ = (ÃᵀWÃ)⁻¹ ÃᵀWỹ`` with ``ỹ = y − Ẽx``: least squares of the adjusted rows.
 
-    In exact arithmetic it is :func:`shen_step`, because ``ỹ − Ãx = r``; here as its authors print
-    it.
-
-    Source: Amiri-Simkooei & Jazaeri 2012.
+    As ``ỹ − Ãx = r`` it is :func:`shen_step` but for rounding; here as its authors print it.
     """
-    columns, errors, s, _ = _adjustment(problem, x)
-    adjusted = columns - errors
-    y = problem.rows[..., -1, :] - (x[..., None, :] @ errors)[..., 0, :]
-    weighed = problem.cofactors.weigh(s, adjusted)
-    return solve(weighed @ adjusted.swapaxes(-1, -2), _times(weighed, y)[..., None])[..., 0]
+    at = Evaluation(problem, x)
+    y = at.rows[..., -1, :] - (x[..., None, :] @ at.errors)[..., 0, :]
+    weighed = at.weigh(at.adjusted)
+    return solve(weighed @ at.adjusted.mT, _times(weighed, y)[..., None])[..., 0]
 
 
 def fang_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """One step ``x⁺ = (AᵀWA)⁻¹ (AᵀWy − Ẽᵀλ)``, as the increment ``(AᵀWA)⁻¹ Ãᵀλ``.
-
-    Source: Fang 2013, algorithm 1.
-    """
-    columns, errors, s, multipliers = _adjustment(problem, x)
-    N = problem.cofactors.weigh(s, columns) @ columns.swapaxes(-1, -2)
-    return x + solve(N, _times(columns - errors, multipliers)[..., None])[..., 0]
+    """One step with ``N = AᵀWA``, printed as ``x⁺ = (AᵀWA)⁻¹ (AᵀWy − Ẽᵀλ)``."""
+    at = Evaluation(problem, x)
+    return at.step(at.weigh(at.columns) @ at.columns.mT)
 
 
 def mahboub_step(problem: EIVProblem, x: np.ndarray) -> np.ndarray:
-    """One step ``x⁺ = (ÃᵀWA)⁻¹ ÃᵀWy``, as the increment ``(ÃᵀWA)⁻¹ Ãᵀλ``.
-
-    Source: Mahboub 2012.
-    """
-    columns, errors, s, multipliers = _adjustment(problem, x)
-    adjusted = columns - errors
-    N = adjusted @ problem.cofactors.weigh(s, columns).swapaxes(-1, -2)
-    return x + solve(N, _times(adjusted, multipliers)[..., None])[..., 0]
+    """One step with ``N = ÃᵀWA``, printed as ``x⁺ = (ÃᵀWA)⁻¹ ÃᵀWy``."""
+    at = Evaluation(problem, x)
+    return at.step(at.adjusted @ at.weigh(at.columns).mT)
 
 
 @dataclass(frozen=True)
@@ -244,8 +262,7 @@ def only_minima(problem: EIVProblem, x: np.ndarray, convergence: Convergence) ->
     not.
     """
     _, gradient, hessian = derivatives(problem, x)
-    fine = np.isfinite(hessian).all(axis=(-1, -2))
-    eigenvalues = np.linalg.eigvalsh(np.where(fine[..., None, None], hessian, 0.0))
+    eigenvalues = _eigenvalues(hessian)
     saddle = eigenvalues[..., 0] < -1e-10 * eigenvalues[..., -1]
     left = np.linalg.norm(solve(hessian, gradient[..., None])[..., 0], axis=-1)
     flat = left > FLAT * np.linalg.norm(x, axis=-1)
@@ -253,14 +270,10 @@ def only_minima(problem: EIVProblem, x: np.ndarray, convergence: Convergence) ->
     return at_saddle.failed_where(at_saddle.converged & flat, Ending.FLAT.sentence)
 
 
-def _adjustment(
-    problem: EIVProblem, x: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Columns of A and their predicted errors (…, m, n), misclosure cofactor s, multipliers λ."""
-    z, r = misclosures(problem, x)
-    s = problem.cofactors.misclosure(z)
-    multipliers = problem.cofactors.weigh(s, r[..., None, :])[..., 0, :]
-    return problem.rows[..., :-1, :], problem.cofactors.errors(z, multipliers), s, multipliers
+def _eigenvalues(hessian: np.ndarray) -> np.ndarray:
+    """Eigenvalues (…, m), ascending; 0 for what is not finite."""
+    fine = np.isfinite(hessian).all(axis=(-1, -2), keepdims=True)
+    return np.linalg.eigvalsh(np.where(fine, hessian, 0.0))
 
 
 def _times(columns: np.ndarray, vector: np.ndarray) -> np.ndarray:

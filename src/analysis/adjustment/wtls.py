@@ -1,12 +1,13 @@
 """Linear adjustment when the design matrix has errors too: LS, TLS, mixed LS-TLS, WTLS.
 
-No geometry in here. All take ``A (…, n, m)`` and ``y (…, n)`` and leave them as they are.
+All take ``A (…, n, m)`` and ``y (…, n)`` and leave them as they are.
 The closed forms reduce the rows to one triangular factor, block by block, and go on from
 its m + 1 rows: memory stays at a block and no moment matrix squares the condition.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -20,8 +21,6 @@ from .cofactors import CONVENTIONS
 from .linalg import cofactor_from_factor, cofactor_from_normal, propagate, solve, unit_weight_sd
 from .problem import CommonCofactors, DenseCofactors, EIVProblem, RowCofactors
 from .steps import misclosures, objective, only_minima
-
-Structure = CommonCofactors | RowCofactors | DenseCofactors
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +113,12 @@ def ls(A, y, weights=None) -> Estimate:
     array([1., 2.])
     """
     rows = _rows(A, y)
-    R = triangular_factor(_weighted_blocks(rows, weights))
-    m = R.shape[-1] - 1
-    _require_full_rank(R[..., :m, :m])
-    x = solve(R[..., :m, :m], R[..., :m, m:])[..., 0]
-    objective = R[..., m, m] ** 2
-    return Estimate(
-        x,
-        cofactor_from_factor(R[..., :m, :m]),
-        objective,
-        unit_weight_sd(objective, rows.shape[-1] - m),
-    )
+    if weights is not None:
+        rows *= np.sqrt(weight_array(weights, np.shape(y)))[..., None, :]
+    whole = _factor(rows)
+    R, right, objective = whole[..., :-1, :-1], whole[..., :-1, -1:], whole[..., -1, -1] ** 2
+    sigma_0 = unit_weight_sd(objective, rows.shape[-1] - R.shape[-1])
+    return Estimate(solve(R, right)[..., 0], cofactor_from_factor(R), objective, sigma_0)
 
 
 def tls(A, y) -> Estimate:
@@ -175,8 +169,7 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
         raise ValueError(f"exact_columns: expected distinct columns, got {list(exact_columns)}")
     noisy = [column for column in range(m) if column not in exact]
     order = exact + noisy
-    R = triangular_factor(_weighted_blocks(rows[..., order + [m], :], None))
-    _require_full_rank(R[..., :m, :m])
+    R = _factor(rows[..., order + [m], :])
     e = len(exact)
     x2, objective = smallest_singular_solution(R[..., e:, e:])
     x1 = solve(R[..., :e, :e], R[..., :e, m:] - R[..., :e, e:m] @ x2[..., None])[..., 0]
@@ -186,7 +179,7 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
     # ÃᵀÃ = AᵀA − Φ x₂x₂ᵀ/(1+|x₂|²).
     scale = 1.0 + np.sum(x2**2, axis=-1)
     N = np.empty(R.shape[:-2] + (m, m))
-    N[..., np.array(order)[:, None], order] = R[..., :m, :m].swapaxes(-1, -2) @ R[..., :m, :m]
+    N[..., np.array(order)[:, None], order] = R[..., :m, :m].mT @ R[..., :m, :m]
     masked = np.zeros_like(x)
     masked[..., noisy] = x2
     N -= (objective / scale)[..., None, None] * masked[..., :, None] * masked[..., None, :]
@@ -241,14 +234,11 @@ def wtls(
     A : (…, n, m); y : (…, n)
     Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors : cofactors, as above.
     algorithm : one of :data:`~analysis.adjustment.algorithms.ALGORITHMS`, all with the same
-        solution. ``newton`` is the quickest and the one to be trusted with errors as large as the
-        columns.
-    H_0 : inverse Hessian that ``bfgs`` and ``dfp`` begin with: ``gauss_newton``, the inverse of
-        Gauss-Newton's at the start, or ``identity``, in the units of A and y, as Wu, Chen & Wang
-        have it.
-    accuracy : convention of the cofactor, one of
-        :data:`~analysis.adjustment.cofactors.CONVENTIONS`: ``gauss_newton``, ``(ÃᵀS⁻¹Ã)⁻¹``;
-        ``inverse_hessian``, ``2(∇²Φ)⁻¹``; ``propagated`` from the data through ``∇Φ = 0``.
+        solution; ``newton`` is the quickest, and to be trusted with errors as large as the columns.
+    H_0 : inverse Hessian that ``bfgs`` and ``dfp`` begin with: ``gauss_newton``, that of
+        Gauss-Newton at the start, or ``identity``, in the units of A and y, as Wu, Chen & Wang.
+    accuracy : convention of the cofactor: ``gauss_newton``, ``(ÃᵀS⁻¹Ã)⁻¹``; ``inverse_hessian``,
+        ``2(∇²Φ)⁻¹``; ``propagated`` from the data through ``∇Φ = 0``.
     history : whether to keep every iteration; of one problem, not of a stack.
     tolerance : relative step at which to stop, in parameters scaled to orthonormal columns of A.
     max_iterations : steps after which it stops without convergence.
@@ -288,69 +278,48 @@ def wtls(
         raise ValueError(
             f"history: expected one problem (n, m), got a stack of shape {np.shape(A)}"
         )
-    cofactors = _cofactors(rows.shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors)
+    structure = _cofactors(rows.shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors)
     n, m = rows.shape[-1], rows.shape[-2] - 1
-    rows, cofactors, root, start = _orthonormal(rows, cofactors)
-    problem = EIVProblem(rows, cofactors)
+    rows = rows.reshape(-1, m + 1, n)
+    # Orthonormal columns of A, A x = (A R⁻¹)(R x), make every later system well conditioned.
+    factor = _factor(rows)
+    R, start = factor[:, :m, :m], factor[:, :m, m]
+    root = solve(R, np.broadcast_to(np.eye(m), R.shape))
+    L = np.zeros(factor.shape)
+    L[:, :m, :m], L[:, m, m] = root.mT, 1.0
+    problem = EIVProblem(L @ rows, structure.transformed(L))
     _require_errors(problem, start)
 
-    trace = _Trace(start) if history else None
+    states = [(start[0], 0)]
+
+    def watch(x: np.ndarray, trials=(1,)) -> None:
+        states.append((x[0], int(trials[0])))
+
     options: dict[str, Any] = {"tolerance": tolerance, "max_iterations": max_iterations}
-    if trace:
-        options["watch"] = trace
+    if history:
+        options["watch"] = watch
     if H_0 == "identity":  # of Φ and x, hence 2 R Rᵀ of Φ/2 and R x
-        options["H_0"] = 2.0 * cofactor_from_factor(root).reshape(-1, m, m)
-    stack = EIVProblem(rows.reshape(-1, m + 1, n), cofactors.flattened(lead))
-    scaled, convergence = chosen.function(stack, start.reshape(-1, m), **options)
-    scaled = scaled.reshape(lead + (m,))
-    convergence = only_minima(problem, scaled, convergence.reshape(lead))
+        options["H_0"] = 2.0 * cofactor_from_factor(root)
+    x, convergence = chosen.function(problem, start, **options)
     # a lost problem is reported by its ending
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        phi = objective(problem, scaled)
-        return Estimate(
-            x=(root @ scaled[..., None])[..., 0],
-            cofactor=propagate(cofactor_of(problem, scaled), root),
-            objective=phi,
-            sigma_0=unit_weight_sd(phi, n - m),
-            history=trace.history(problem, root) if trace else None,
-            **{name: values[()] for name, values in vars(convergence).items()},
-        )
-
-
-def _orthonormal(
-    rows: np.ndarray, cofactors: Structure
-) -> tuple[np.ndarray, Structure, np.ndarray, np.ndarray]:
-    """Rows and cofactors with orthonormal columns of A, ``A x = (A R⁻¹)(R x)``.
-
-    They make every later system well conditioned. Also ``R⁻¹``, which leads back to x, and the
-    least-squares solution R x to start from.
-    """
-    m = rows.shape[-2] - 1
-    R = triangular_factor(_weighted_blocks(rows, None))
-    _require_full_rank(R[..., :m, :m])
-    root = solve(R[..., :m, :m], np.broadcast_to(np.eye(m), R.shape[:-2] + (m, m)))
-    L = np.zeros(R.shape[:-2] + (m + 1, m + 1))
-    L[..., :m, :m] = root.swapaxes(-1, -2)
-    L[..., m, m] = 1.0
-    return L @ rows, cofactors.transformed(L), root, R[..., :m, m]
-
-
-class _Trace:
-    """Keeps the states of one problem that a minimisation passes through."""
-
-    def __init__(self, start: np.ndarray):
-        self.x, self.trials = [start], [0]
-
-    def __call__(self, x: np.ndarray, trials=(1,)) -> None:
-        self.x.append(x[0])
-        self.trials.append(int(trials[0]))
-
-    def history(self, problem: EIVProblem, root: np.ndarray) -> History:
-        """As it was, in the parameters that ``root`` leads back to."""
-        x = np.array(self.x)
-        return History(
-            x @ root.T, np.array([objective(problem, one) for one in x]), np.array(self.trials)
-        )
+        phi = objective(problem, x)
+        solution = {
+            "x": (root @ x[..., None])[..., 0],
+            "cofactor": propagate(cofactor_of(problem, x), root),
+            "objective": phi,
+            "sigma_0": unit_weight_sd(phi, n - m),
+            **vars(only_minima(problem, x, convergence)),
+        }
+    course = None
+    if history:
+        passed, trials = (np.array(values) for values in zip(*states, strict=True))
+        values = np.concatenate([objective(problem, x[None]) for x in passed])
+        course = History(passed @ root[0].T, values, trials)
+    shaped = {
+        name: values.reshape(lead + values.shape[1:])[()] for name, values in solution.items()
+    }
+    return Estimate(**shaped, history=course)
 
 
 # ---------------------------------------------------------------------------------- in and out
@@ -369,20 +338,13 @@ def _rows(A, y) -> np.ndarray:
     return rows
 
 
-def _weighted_blocks(rows: np.ndarray, weights) -> Iterable[np.ndarray]:
-    """Blocks ``(…, k, m+1)`` of rows times ``√P``."""
-    roots = (
-        None
-        if weights is None
-        else np.sqrt(weight_array(weights, rows.shape[:-2] + rows.shape[-1:]))
-    )
-    for piece in pieces(rows.shape[-1]):
-        block = rows[..., piece] if roots is None else rows[..., piece] * roots[..., None, piece]
-        yield block.swapaxes(-1, -2)
+def _factor(rows: np.ndarray) -> np.ndarray:
+    """Triangular factor (…, m+1, m+1) of the rows.
 
-
-def _require_full_rank(R: np.ndarray) -> None:
-    """Refuse columns that depend on one another to the last bits, whatever their units."""
+    Refuses columns of A that depend on one another to the last bits, whatever their units.
+    """
+    factor = triangular_factor(rows[..., piece].mT for piece in pieces(rows.shape[-1]))
+    R = factor[..., :-1, :-1]
     scaled = R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), np.finfo(float).tiny)
     smallest = np.linalg.svd(scaled, compute_uv=False)[..., -1]
     if np.any(smallest < 16 * np.finfo(float).eps):
@@ -390,6 +352,7 @@ def _require_full_rank(R: np.ndarray) -> None:
             "A: expected independent columns, "
             f"got a smallest singular value of {smallest.min():.1g} for unit columns"
         )
+    return factor
 
 
 def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
@@ -412,7 +375,9 @@ def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
             )
 
 
-def _cofactors(shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors) -> Structure:
+def _cofactors(
+    shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors
+) -> CommonCofactors | RowCofactors | DenseCofactors:
     """The structure that the given cofactors have, for rows of ``shape`` (…, m+1, n)."""
     *lead, columns, n = shape
     m = columns - 1
@@ -424,7 +389,7 @@ def _cofactors(shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors) -> Structure:
             )
         allowed = [(n, m + 1, m + 1), (*lead, n, m + 1, m + 1)]
         Q = _symmetric(row_cofactors, allowed, "row_cofactors")
-        return RowCofactors(np.broadcast_to(Q, (*lead, n, m + 1, m + 1)))
+        return RowCofactors(np.broadcast_to(Q, allowed[1]).reshape(-1, n, m + 1, m + 1))
     if (Q_0 is None) != (Q_X is None):
         raise ValueError("Q_0 and Q_X: expected both or none, got one of them")
     if Q_A is not None and Q_0 is not None:
@@ -434,10 +399,9 @@ def _cofactors(shape, Q_y, Q_A, Q_Ay, Q_0, Q_X, row_cofactors) -> Structure:
     Q_X = np.zeros(n) if Q_X is None else _variances(Q_X, n, "Q_X")
     Q_y = np.ones(n) if Q_y is None else _variances(Q_y, n, "Q_y")
     if Q_A is None and Q_Ay is None and Q_X.ndim == 1 and Q_y.ndim == 1:
-        C = np.zeros((*lead, m + 1, m + 1))
-        C[..., :m, :m] = Q_0
-        g, h = (np.broadcast_to(Q, (*lead, n)) for Q in (Q_X, Q_y))
-        return CommonCofactors(C, g, h)
+        C = np.zeros((math.prod(lead), m + 1, m + 1))
+        C[:, :m, :m] = Q_0
+        return CommonCofactors(C, *(np.broadcast_to(Q, (len(C), n)) for Q in (Q_X, Q_y)))
     # 3. in full: Q_A given or Q_0 ⊗ Q_X, with Q_Ay or without
     full = [np.diag(Q) if Q.ndim == 1 else Q for Q in (Q_X, Q_y)]
     Q_A = np.kron(Q_0, full[0]) if Q_A is None else _symmetric(Q_A, [(n * m, n * m)], "Q_A")

@@ -73,10 +73,11 @@ def best_step_for_a_plane(A, y, P, x, d):
     return roots[np.argmin(phi)]
 
 
-def test_exact_line_search_is_the_closed_form_for_planes():
+def test_exact_line_search_is_the_closed_form_for_planes(monkeypatch):
     """With c2 → 0 the search goes on to the minimum along the line."""
     A, y, P, problem, x, value, gradient, d = planes()
-    alpha, *_ = line_search(problem, x, d, value, gradient, curvature=1e-9)
+    monkeypatch.setattr("analysis.adjustment.quasi_newton.CURVATURE", 1e-9)
+    alpha, *_ = line_search(problem, x, d, value, gradient)
     expected = np.array(
         [
             best_step_for_a_plane(*one)
