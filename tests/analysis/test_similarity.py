@@ -1,5 +1,6 @@
 """The similarity: closed form, errors in both frames, covariance, wrong pairs."""
 
+import dataclasses
 import tomllib
 from pathlib import Path
 
@@ -285,6 +286,14 @@ def test_covariance_of_transformed_points_is_that_of_a_monte_carlo_and_common(ca
         fits.transformed_covariance(np.broadcast_to(points, noise.shape)),
         atol=1e-18,
     )
+
+
+def test_errors_of_an_unknown_covariance_are_refused():
+    fit = fit_similarity(TARGETS, TARGETS)
+    fit = dataclasses.replace(fit, sigma_0=np.nan)
+    for errors in (fit.common_errors, fit.transformed_covariance):
+        with pytest.raises(ValueError, match="expected a finite covariance.* got NaN in 1 of 1"):
+            errors(TARGETS)
 
 
 def test_covariance_is_as_good_far_from_the_origin():

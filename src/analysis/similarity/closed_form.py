@@ -16,10 +16,10 @@ def umeyama(
         H = Σ w ΔX Δxᵀ = U S Vᵀ,   R = U D Vᵀ,   D = diag(1, 1, det UVᵀ),   μ = tr(S D)/Σ w |Δx|²,
         t = X̄ − μ R x̄
 
-    Parameters, errors: as of :func:`~analysis.fit_similarity`. Any angle of rotation; points in a
-    plane, too.
+    Parameters, errors: as of :func:`~analysis.fit_similarity`. Any rotation, points in a plane too.
 
-    Source: Kabsch 1976; Umeyama 1991, eqs. (40)-(43).
+    Source: Kabsch 1976, Acta Crystallographica A 32, 922-923; Umeyama 1991, IEEE Transactions on
+    Pattern Analysis and Machine Intelligence 13, 376-380, eqs. (40)-(43).
 
     Example
     -------
@@ -42,7 +42,7 @@ def umeyama_centred(
     """Closed form for stacks that are already centred, with weights w ≥ 0."""
     mean_x, mean_X = mean(x, w), mean(X, w)
     dx, dX = x - mean_x[..., None, :], X - mean_X[..., None, :]
-    U, S, Vt = np.linalg.svd((w[..., None] * dX).swapaxes(-1, -2) @ dx)
+    U, S, Vt = np.linalg.svd((w[..., None] * dX).mT @ dx)
     proper = np.sign(np.linalg.det(U @ Vt))
     S[..., 2] *= proper
     R = np.concatenate([U[..., :2], U[..., 2:] * proper[..., None, None]], axis=-1) @ Vt

@@ -85,14 +85,15 @@ def cofactors_of_pairs(
     weights, of_source, of_target, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cofactors ``shape`` + (3, 3) of the points of both frames from what was given of them."""
-    if weights is not None and not (of_source is None and of_target is None):
-        raise ValueError("weights: expected None beside cofactors, which say all, got both")
-    none = np.zeros(shape + (3, 3))
     if of_source is None and of_target is None:
         variances = np.ones(shape) if weights is None else 1.0 / weight_array(weights, shape)
-        return none, variances[..., None, None] * np.eye(3)
-    Q_x = none if of_source is None else cofactor_matrices(of_source, shape, "source_cofactors")
-    Q_X = none if of_target is None else cofactor_matrices(of_target, shape, "target_cofactors")
+        return np.zeros(shape + (3, 3)), variances[..., None, None] * np.eye(3)
+    if weights is not None:
+        raise ValueError("weights: expected None beside cofactors, which say all, got both")
+    Q_x, Q_X = (
+        np.zeros(shape + (3, 3)) if given is None else cofactor_matrices(given, shape, name)
+        for given, name in ((of_source, "source_cofactors"), (of_target, "target_cofactors"))
+    )
     return Q_x, Q_X
 
 

@@ -45,10 +45,10 @@ def robust_weights(
     contradict them (Ω' against χ²(f)): too small ones would reject pair after pair.
     """
     t = J.shape[-1]
-    leverage = J @ solve(normal_matrix(weights, J)[:, None], J.swapaxes(-1, -2))
+    leverage = J @ solve(normal_matrix(weights, J)[:, None], J.mT)
     # singular equations end the iteration, not this test
     leverage = np.where(np.isfinite(leverage), leverage, 0.0)
-    h, axes = np.linalg.eigh(0.5 * (leverage + leverage.swapaxes(-1, -2)))
+    h, axes = np.linalg.eigh(0.5 * (leverage + leverage.mT))
     squares = np.einsum("bnki,bnk->bni", axes, r) ** 2
     w = weights[..., None]
     free = np.maximum(1.0 - w * h, SMALLEST_REDUNDANCY)
@@ -81,11 +81,6 @@ def normal_means(function: IGG3) -> tuple[float, float, float]:
     return function.mean_weight, mean(1), mean(2)
 
 
-def _half(n: int) -> int:
-    """Pairs that a start must fit: more than half."""
-    return n // 2 + 1
-
-
 @cache
 def _trimmed_variance(share: float) -> float:
     """Mean of d²/3 over the ``share`` of the smallest d², each χ² with three degrees of freedom."""
@@ -98,6 +93,7 @@ def trimmed_start(pairs: Pairs, free_scale: bool, seed: int) -> tuple[np.ndarray
     The weight is 1 for the more than half of the pairs that agree best with three of them, else 0.
     """
     n = pairs.w.shape[1]
+    h = n // 2 + 1
     # 1. the best of many similarities through three pairs each
     subsets = _subsets(n, seed)
     w = np.empty_like(pairs.w)
@@ -107,17 +103,17 @@ def trimmed_start(pairs: Pairs, free_scale: bool, seed: int) -> tuple[np.ndarray
             some.x[:, subsets], some.X[:, subsets], some.w[:, subsets], free_scale
         )
         squares = _weighted_squares(some, *found)
-        least = np.partition(squares, _half(n) - 1, axis=-1)[..., : _half(n)]
+        least = np.partition(squares, h - 1, axis=-1)[..., :h]
         best = np.argmin(np.sum(least, axis=-1), axis=-1)
-        w[part] = _smallest(np.take_along_axis(squares, best[:, None, None], axis=1)[:, 0])
+        w[part] = _smallest(np.take_along_axis(squares, best[:, None, None], axis=1)[:, 0], h)
     # 2. closed form of the pairs chosen, and choice of those nearest to it, until it is the same
     for _ in range(20):
         mu, R, T = umeyama_centred(pairs.x, pairs.X, w * pairs.w, free_scale)
         before = w
-        w = _smallest(_weighted_squares(pairs, mu[:, None], R[:, None], T[:, None])[:, 0])
+        w = _smallest(_weighted_squares(pairs, mu[:, None], R[:, None], T[:, None])[:, 0], h)
         if np.array_equal(w, before):
             break
-    return w, 1.0 / _trimmed_variance(_half(n) / n)
+    return w, 1.0 / _trimmed_variance(h / n)
 
 
 def _subsets(n: int, seed: int) -> np.ndarray:
@@ -130,13 +126,13 @@ def _subsets(n: int, seed: int) -> np.ndarray:
 
 def _weighted_squares(pairs: Pairs, mu, R, T) -> np.ndarray:
     """w|r|² (B, K, n) of all pairs under K transformations each."""
-    turned = pairs.x[:, None] @ (mu[..., None, None] * R).swapaxes(-1, -2)
+    turned = pairs.x[:, None] @ (mu[..., None, None] * R).mT
     return pairs.w[:, None] * np.sum((pairs.X[:, None] - T[:, :, None, :] - turned) ** 2, axis=-1)
 
 
-def _smallest(squares: np.ndarray) -> np.ndarray:
-    """1 for the more than half of the (B, n) squares that are smallest, else 0."""
-    order = np.argsort(squares, axis=-1, kind="stable")[:, : _half(squares.shape[1])]
+def _smallest(squares: np.ndarray, h: int) -> np.ndarray:
+    """1 for the h smallest of the squares (B, n), else 0."""
+    order = np.argsort(squares, axis=-1, kind="stable")[:, :h]
     chosen = np.zeros_like(squares)
     np.put_along_axis(chosen, order, 1.0, axis=-1)
     return chosen

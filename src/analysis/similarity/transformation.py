@@ -14,9 +14,7 @@ from .pairs import cofactor_matrices
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Similarity:
-    """``X = translation + scale · rotation @ x`` with its accuracy.
-
-    A stack of fits gives every field its leading axes ``…``.
+    """``X = translation + scale · rotation @ x`` with its accuracy; a stack has leading axes ``…``.
 
     scale : (…) μ; rotation : (…, 3, 3) R, det +1
     centre : (…, 3) the point of the source frame about which it was solved; image : (…, 3) where it
@@ -108,7 +106,7 @@ class Similarity:
     def _turned(self, points: np.ndarray) -> np.ndarray:
         """``μ R (x − centre)``, (…, n, 3)."""
         scaled = np.asarray(self.scale)[..., None, None] * self.rotation
-        return (points - self.centre[..., None, :]) @ scaled.swapaxes(-1, -2)
+        return (points - self.centre[..., None, :]) @ scaled.mT
 
     def _jacobian(self, points: np.ndarray) -> np.ndarray:
         """∂X/∂(image, ω, μ) of points of the source frame, (…, n, 3, 7)."""
@@ -118,13 +116,19 @@ class Similarity:
     def common_errors(self, points) -> np.ndarray:
         """Errors (…, n, 3, 7) in m of points (…, n, 3) that the transformation causes.
 
-        They come from seven independent sources. Column k holds the displacements of all points by
-        one standard deviation of source k, so with A_i of point i the points i and j have the
-        covariance ``A_i A_jᵀ``: it is common to all points and does not average out over them.
+        Column k holds the displacements of all points by one standard deviation of the k-th of
+        seven independent sources, so with A_i of point i the points i and j have the covariance
+        ``A_i A_jᵀ``, which does not average out over them. ValueError where σ0 is not known.
 
         Source: propagation of the parameters' covariance, F Σ Fᵀ, as in Li et al. 2015.
         """
-        values, vectors = np.linalg.eigh(self._variance_factor * self.central_cofactor)
+        covariance = self._variance_factor * self.central_cofactor
+        if unknown := np.count_nonzero(~np.isfinite(covariance).all(axis=(-1, -2))):
+            raise ValueError(
+                "similarity: expected a finite covariance, which takes more pairs than determine "
+                f"it, or absolute cofactors, got NaN in {unknown} of {np.size(self.scale)}"
+            )
+        values, vectors = np.linalg.eigh(covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
         return self._jacobian(_points(points)) @ root[..., None, :, :]
 
@@ -132,27 +136,22 @@ class Similarity:
         """Covariance of each transformed point, ``F Σ Fᵀ + μ² R D Rᵀ``, (…, n, 3, 3) in m².
 
         points : (n, 3) or (…, n, 3) in the source frame
-        cofactors : (n,) variances or (n, 3, 3) covariances D of the points themselves in m²,
-            absolute; None for points without error
+        cofactors : (n,) variances or (n, 3, 3) covariances D of the points in m²; None for none
         """
         points = _points(points)
         if points.ndim == 1:
             raise ValueError(f"points: expected shape (n, 3) or (…, n, 3), got {points.shape}")
         common = self.common_errors(points)
-        total = common @ common.swapaxes(-1, -2)
+        total = common @ common.mT
         if cofactors is None:
             return total
         R = np.asarray(self.scale)[..., None, None, None] * self.rotation[..., None, :, :]
         return total + propagate(cofactor_matrices(cofactors, points.shape[:-1], "cofactors"), R)
 
     def inverse(self) -> Similarity:
-        """The transformation from the target to the source frame, with the same pairs and accuracy.
-
-        Its covariance is propagated, and its residuals are these turned and scaled:
-        ``x − x(X) = −Rᵀ r/μ``.
-        """
+        """The transformation from the target to the source frame; its residuals are ``−Rᵀ r/μ``."""
         scale = np.asarray(self.scale)[..., None, None]
-        back = self.rotation.swapaxes(-1, -2)
+        back = self.rotation.mT
         J = np.zeros(np.shape(self.scale) + (7, 7))
         J[..., :3, :3] = -back / scale
         J[..., 3:6, 3:6] = -back
