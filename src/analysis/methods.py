@@ -184,9 +184,10 @@ def fit_sphere(
                        cumulative=True, unit_weight=1, k0=1.5, k1=2.5, start="Q_Y" (or "P_Y"),
                        tolerance=1e-6, max_iterations=1000, history=False
         ``eiv``        max_iterations=100
-        ``geometric``  bias_correction=False, max_iterations=100
+        ``geometric``  bias_correction=True (or False, for the plain minimum), max_iterations=100
         ``robust``     weight_function=None (or a name from ``WEIGHT_FUNCTIONS`` or an instance),
-                       k0=2.5, k1=4 (of IGG III, in its place), max_iterations=1000
+                       k0=2.5, k1=4 (of IGG III, in its place), bias_correction=True,
+                       max_iterations=1000
         =============  ============================================================================
 
         ``help(SPHERE_METHODS["robust"].function)`` describes them.
@@ -332,8 +333,7 @@ def fit_elliptic_cylinder(
     method : a name from ``CYLINDER_METHODS``.
     axis : (3,) approximate direction of the axis, of either sign and any length, or None to look
         for it. It saves time and is only a start; it should be right to some degrees.
-    cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`, without
-        ``bias_correction``.
+    cofactors, weights, absolute, seed, method_options : as for :func:`fit_sphere`.
 
     Returns
     -------
@@ -391,8 +391,9 @@ def _fit(
     if chosen.seeded:
         options["seed"] = seed
     given = {"weights": a_priori_weights, "cofactors": matrices}
-    fits = _solve(partial(geometry.cloud.reduce, **own), chosen, points, given, options)
-    fit = join(fits, points.shape[:-2], absolute)
+    reduce = partial(geometry.cloud.reduce, absolute=absolute, **own)
+    fits = _solve(reduce, chosen, points, given, options)
+    fit = join(fits, points.shape[:-2])
     warn_if_not_converged(fit)
     return fit
 

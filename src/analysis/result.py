@@ -167,7 +167,7 @@ class Fit:
 F = TypeVar("F", bound=Fit)
 
 
-def join(fits: Sequence[F], lead: tuple[int, ...], absolute: bool = False) -> F:
+def join(fits: Sequence[F], lead: tuple[int, ...]) -> F:
     """Join fits of consecutive parts of a flattened stack into one with leading axes ``lead``.
 
     Its arrays are read-only.
@@ -182,7 +182,7 @@ def join(fits: Sequence[F], lead: tuple[int, ...], absolute: bool = False) -> F:
             array = array.reshape(lead + array.shape[1:])
             array.flags.writeable = False
             arrays[field.name] = array[()]
-    return replace(fits[0], absolute=absolute, **arrays)
+    return replace(fits[0], **arrays)
 
 
 def warn_if_not_converged(fit) -> None:

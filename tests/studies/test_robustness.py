@@ -67,8 +67,10 @@ def test_bias_of_the_known_methods(biases):
         )
     whole = biases.loc[180, 2]
     # σ²/r, and of a finite number of points a few percent of it more.
-    assert whole.loc["geometric", "radius_mm"] == pytest.approx(1e3 * 0.002**2 / RADIUS, rel=0.1)
-    assert abs(whole.loc["geometric, corrected", "radius_mm"]) < 0.1 * 1e3 * 0.002**2 / RADIUS
+    of_plain = 1e3 * 0.002**2 / RADIUS
+    assert whole.loc[bias.PLAIN, "radius_mm"] == pytest.approx(of_plain, rel=0.1)
+    for variant in ("geometric", "robust"):
+        assert abs(whole.loc[variant, "radius_mm"]) < 0.1 * of_plain
 
 
 def test_every_variant_in_every_setting_in_order(biases):

@@ -38,6 +38,7 @@ class Cloud:
         all)
     origin : (B, dim) centroid; length : (B,) a power of two near the RMS extent, so that dividing
         by it is exact
+    absolute : whether the cofactors are variances in m², and not only in proportion
     """
 
     points: Array
@@ -45,6 +46,7 @@ class Cloud:
     cofactors: Array | None
     origin: Array
     length: Array
+    absolute: bool = False
 
     surface: ClassVar[str]  # in messages, "a sphere"
 
@@ -113,12 +115,6 @@ class Cloud:
             f"points: expected points that determine {self.surface}, got {got}", int(index)
         )
 
-    def bias(self, x: Array, sigma: Array) -> Array:
-        """Of most surfaces no correction of the bias is known."""
-        raise ValueError(
-            f"bias_correction: expected False, which is all there is for {self.surface}, got True"
-        )
-
     def result(
         self,
         kind: type[F],
@@ -142,6 +138,7 @@ class Cloud:
             weights=np.broadcast_to(1.0, d.shape) if weights is None else weights,
             **vars(adjustment.convergence),
             history=adjustment.history,
+            absolute=self.absolute,
             **geometry,
         )
 

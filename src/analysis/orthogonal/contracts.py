@@ -39,6 +39,13 @@ class GeometricModel(Protocol):
         """Unit gradients (…, n, dim) of the distances of D (…, n, dim) from x (…, s)."""
         ...
 
+    def curvature(self, x: Array, D: Array) -> Array:
+        """Derivatives (…, n, dim, dim) of the normals by the places, at the feet of D on x.
+
+        The Hessian matrices of the distances of places on the surface: symmetric, 0 along n.
+        """
+        ...
+
     def foot_points(self, x: Array, points: Points) -> Array:
         """Places (B, n, dim) on x (B, s) nearest to the points in the metric of their Q⁻¹."""
         ...
@@ -69,8 +76,18 @@ class SurfaceCloud(Protocol):
     """A stack of clouds that one kind of surface is fitted to."""
 
     @property
+    def absolute(self) -> bool:
+        """Whether the cofactors are variances in m², and not only in proportion."""
+        ...
+
+    @property
     def model(self) -> GeometricModel:
         """The geometric model of the surfaces in the clouds' frames."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """The number n of points."""
         ...
 
     def observations(self) -> Observations:
@@ -85,13 +102,6 @@ class SurfaceCloud(Protocol):
         """x (B, s) near the half of some points D (B, m, dim) closest to one surface.
 
         Second, the standard deviation (B,) of their distances.
-        """
-        ...
-
-    def bias(self, x: Array, sigma: Array) -> Array:
-        """Bias (B, s) of second order of an orthogonal fit x (B, s) with noise sigma (B,) in m.
-
-        Raises ``ValueError`` where no such correction is known.
         """
         ...
 

@@ -20,7 +20,7 @@ distance for each.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from .cloud import ROUNDING
 from .contracts import GeometricModel, SurfaceCloud
 from .least_trimmed_squares import SUBSET
 from .observations import Observations, Points
+from .second_order import without_bias
 
 TOLERANCE = 1e-12  # of a step, in the frame's unit
 STALLED = 1e-9  # a step below this that no longer shrinks is rounding
@@ -49,7 +50,7 @@ SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
 def geometric(
-    cloud: SurfaceCloud, *, bias_correction: bool = False, max_iterations: int = 100
+    cloud: SurfaceCloud, *, bias_correction: bool = True, max_iterations: int = 100
 ) -> Fit:
     """Weighted orthogonal distance fit ``min Σ eᵀQ⁻¹e`` over the errors e of the points.
 
@@ -59,8 +60,9 @@ def geometric(
 
     Parameters
     ----------
-    bias_correction : take off the bias of second order that equal isotropic noise leaves in the
-        free parameters (for a sphere σ̂0²/r of the radius)
+    bias_correction : take off the bias of second order that noise leaves in the parameters (for a
+        sphere with equal cofactors σ̂0²/r of the radius): :mod:`~analysis.orthogonal.second_order`.
+        False gives the plain minimum.
 
     Source: Pope 1972; Neitzel 2010.
     """
@@ -68,7 +70,7 @@ def geometric(
     start, points = cloud.start(), cloud.observations()
     adjusted = _adjust(cloud.model, points, start, np.zeros(len(start)), None, max_iterations)
     if bias_correction:
-        adjusted = replace(adjusted, x=adjusted.x - cloud.bias(adjusted.x, adjusted.sigma))
+        adjusted = without_bias(cloud, adjusted)
     return cloud.fit("geometric", adjusted)
 
 
@@ -79,6 +81,7 @@ def robust(
     weight_function: WeightFunction | str | None = None,
     k0: float | None = None,
     k1: float | None = None,
+    bias_correction: bool = True,
     max_iterations: int = 1000,
 ) -> Fit:
     """High-breakdown orthogonal distance fit with honest covariance: what to use on real scans.
@@ -96,6 +99,7 @@ def robust(
         from ``WEIGHT_FUNCTIONS`` for one with its defaults; None for IGG III with k0 and k1. One
         that rejects no point (Huber) gives up the high breakdown of the start.
     k0, k1 : thresholds of IGG III; the defaults 2.5 and 4 are 98 % efficient at the normal law
+    bias_correction : as for :func:`geometric`
 
     Source: Rousseeuw & Van Driessen 2006 (start); Yang, Song & Xu 2002 (IGG III); Huber 1981,
     section 7.6 (covariance).
@@ -114,7 +118,10 @@ def robust(
         found = near.convergence.converged
         x, sigma = np.where(found[:, None], near.x, x), np.where(found, near.sigma, sigma)
     # 3. all
-    return cloud.fit("robust", _adjust(model, points, x, sigma, function, max_iterations))
+    adjusted = _adjust(model, points, x, sigma, function, max_iterations)
+    if bias_correction:
+        adjusted = without_bias(cloud, adjusted)
+    return cloud.fit("robust", adjusted)
 
 
 def _weight_function(

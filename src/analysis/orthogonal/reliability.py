@@ -157,23 +157,26 @@ def reliability(
             f, J, v = linearised(model, x, data.piece(piece))
             yield piece, omega[:, piece], f, J, np.broadcast_to(v, f.shape)
 
-    N, M = np.zeros((2, count, t, t))
-    for _, w, _, J, v in blocks():
+    N, M, g = np.zeros((count, t, t)), np.zeros((count, t, t)), np.zeros((count, t, 1))
+    for _, w, f, J, v in blocks():
         N += (J * (w / v)[:, None]) @ J.swapaxes(-1, -2)
         M += (J * (w * w / v)[:, None]) @ J.swapaxes(-1, -2)
+        g += (J * (w / v)[:, None]) @ f[..., None]
+    # residuals are those at the minimum, off which a correction of the bias has moved the surface
+    to_minimum = -solve(N, g)[..., 0]
 
     redundancy, standardised, minimal = np.empty((3, count, n))
     external = np.empty((count, n, derivative.shape[1]))
     for piece, w, f, J, v in blocks():
         NJ = solve(N, J)
-        g = np.einsum("btn,btn->bn", J, NJ) / v
-        redundancy[:, piece] = r = 1.0 - w * g
+        q = np.einsum("btn,btn->bn", J, NJ) / v
+        redundancy[:, piece] = r = 1.0 - w * q
         sd = sigma_0 * np.sqrt(
-            v * np.maximum(1.0 - 2.0 * w * g + np.einsum("btn,btn->bn", NJ, M @ NJ) / v, 0.0)
+            v * np.maximum(1.0 - 2.0 * w * q + np.einsum("btn,btn->bn", NJ, M @ NJ) / v, 0.0)
         )
         # a point that nothing checks: no residual, no finite bias
         with np.errstate(divide="ignore", invalid="ignore"):
-            standardised[:, piece] = f / sd
+            standardised[:, piece] = (f + np.einsum("bt,btn->bn", to_minimum, J)) / sd
             minimal[:, piece] = delta * sd / r
         external[:, piece] = -(derivative @ (NJ * (w / v * minimal[:, piece])[:, None])).swapaxes(
             -1, -2

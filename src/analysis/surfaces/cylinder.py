@@ -94,6 +94,13 @@ class CylinderModel(GeometricModel):
         return EllipseModel.normals(_section(x), in_section) @ _frame(x)[..., :2, :]
 
     @staticmethod
+    def curvature(x: Array, D: Array) -> Array:
+        """That of the section, across the axis."""
+        in_section = _coordinates(x, D)[..., :2, :].swapaxes(-1, -2)
+        across = _frame(x)[..., None, :2, :]
+        return across.swapaxes(-1, -2) @ EllipseModel.curvature(_section(x), in_section) @ across
+
+    @staticmethod
     def foot_points(x: Array, points: Points) -> Array:
         """In the section in the metric of its part Q₂ of Q, for along the axis nothing is known.
 

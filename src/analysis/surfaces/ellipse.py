@@ -113,6 +113,14 @@ class EllipseModel(ElementalModel):
         return _feet(x, D)[2].swapaxes(-1, -2)
 
     @staticmethod
+    def curvature(x: Array, D: Array) -> Array:
+        """``κ ttᵀ`` with the unit tangent t and ``κ = ab/|dp/dτ|³`` at the foot."""
+        _, e, normals = _feet(x, D)
+        t = np.stack([-normals[..., 1, :], normals[..., 0, :]], axis=-1)
+        kappa = _area(x)[..., None] / _speed(x, e) ** 3
+        return kappa[..., None, None] * t[..., :, None] * t[..., None, :]
+
+    @staticmethod
     def foot_points(x: Array, points: Points) -> Array:
         """Feet on the ellipse that T makes of this one, in coordinates ``T p`` with ``TᵀT = Q⁻¹``.
 
@@ -311,23 +319,6 @@ class EllipseCloud(Cloud):
     def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
         """Least trimmed squares."""
         return least_trimmed_squares(self.model, D, seed)
-
-    def bias(self, x: Array, sigma: Array) -> Array:
-        """With equal isotropic noise.
-
-        Noise along the ellipse takes a point off it, outwards, by κσ²/2 on average with the
-        curvature κ, and that is what the parameters follow: for a circle σ²/(2r) of the radius.
-        """
-        if self.cofactors is not None or self.weights is not None:
-            raise ValueError(
-                "bias_correction: expected equally precise points, got weights or cofactors"
-            )
-        D = self.observations().all().D
-        _, J = self.model.linearised(x, D)
-        _, e, _ = _feet(x, D)
-        curvature = _area(x)[:, None] / _speed(x, e) ** 3
-        outwards = 0.5 * curvature * ((sigma / self.length) ** 2)[:, None]
-        return -solve(J @ J.swapaxes(-1, -2), J @ outwards[..., None])[..., 0]
 
     def require_surface(self) -> None:
         """Refuse points on a line, and such as more than one conic passes through."""

@@ -65,6 +65,11 @@ class PlaneModel(ElementalModel):
         """n for every point."""
         return np.broadcast_to(x[..., None, :3], D.shape)
 
+    @staticmethod
+    def curvature(x: Array, D: Array) -> Array:
+        """None: 0."""
+        return np.broadcast_to(0.0, D.shape + (3,))
+
     def foot_points(self, x: Array, points: Points) -> Array:
         """``p̃ = p − Qn (n · p − h)/(nᵀQn)``."""
         assert points.axes is not None

@@ -78,6 +78,12 @@ class SphereModel(ElementalModel):
         return outwards / np.maximum(rho, np.finfo(float).tiny)[..., None]
 
     @staticmethod
+    def curvature(x: Array, D: Array) -> Array:
+        """``(I − nnᵀ)/r``."""
+        n = SphereModel.normals(x, D)
+        return (np.eye(3) - n[..., :, None] * n[..., None, :]) / x[..., 3, None, None, None]
+
+    @staticmethod
     def foot_points(x: Array, points: Points) -> Array:
         """``p̃ − k = (I + μQ)⁻¹(p − k)`` with the one root μ > −1/λ_max of ``|p̃ − k| = r``."""
         assert points.axes is not None
@@ -220,17 +226,6 @@ class SphereCloud(Cloud):
     def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
         """Least trimmed squares."""
         return least_trimmed_squares(self.model, D, seed)
-
-    def bias(self, x: Array, sigma: Array) -> Array:
-        """σ²/r of the radius, with equal isotropic noise."""
-        if self.cofactors is not None or self.weights is not None or self.fixed_radius is not None:
-            raise ValueError(
-                "bias_correction: expected equally precise points and a free radius, "
-                "got weights, cofactors or a held radius"
-            )
-        bias = np.zeros_like(x)
-        bias[:, 3] = (sigma / self.length) ** 2 / x[:, 3]
-        return bias
 
     def require_surface(self) -> None:
         """Refuse points in a plane (so also on a circle, on a line or in one place)."""
