@@ -12,8 +12,9 @@ takes these distances for a change of the surface by
     b = −(Σ ω JJᵀ/v)⁻¹ Σ ω J E[f]/v,
 
 σ²/r of the radius for a sphere with equal isotropic errors, σ²/(2r) for a circle and nothing for a
-plane. It does not become smaller with the number of points, as standard deviations do. σ̂² is known
-to ±σ̂² √(2/ν) with the redundancy ν, and so b to b √(2/ν).
+plane. It does not become smaller with the number n of points, as standard deviations do; terms of
+the order σ²/n, which do, are left. σ̂² is known to ±σ̂² √(2/ν) with the redundancy ν, and so b to
+±b √(2/ν).
 
 Source: the expansion of Box 1971 (bias of nonlinear estimates) for distances; Al-Sharadqah &
 Chernov 2009 for circles.
