@@ -18,11 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..adjustment.algorithms import ALGORITHMS
-from ..adjustment.cofactors import gauss_newton_cofactor
 from ..adjustment.iteration import Stack
 from ..adjustment.linalg import propagate, unit_weight_sd
 from ..adjustment.problem import CommonCofactors, EIVProblem, IndependentRows
-from ..adjustment.steps import iterate_to_convergence, newton_step, objective, only_minima
+from ..adjustment.steps import iterate_to_convergence, newton_step, only_minima
 from ..adjustment.wtls import Estimate
 from ..adjustment.wtls import ls as least_squares
 from ..adjustment.wtls import tls as total_least_squares
@@ -30,6 +29,7 @@ from ..blocks import point_pieces
 from ..checks import check_one_of, check_whole_number
 from ..orthogonal.cloud import DegenerateCloud
 from ..result import Adjustment, Array
+from .linear import PrintedSurface, solution
 from .plane import PARAMETERS, PlaneCloud, PlaneFit, rows, tangents
 
 # a beam in the plane has cos θ = 0; beyond this angle the weights stay what they are there
@@ -64,7 +64,7 @@ def tls(cloud: PlaneCloud) -> PlaneFit:
     K[:, [0, 1, 3], [0, 1, 3]] = cloud.length[:, None]
     K[:, [0, 1, 3], 2] = cloud.origin
     K[:, 2, 2] = 1.0
-    rows = cloud.factor[..., SLOPES] @ K.swapaxes(-1, -2)
+    rows = cloud.factor[..., SLOPES] @ K.mT
     estimate = total_least_squares(rows[..., :3], rows[..., 3])
     a_b, c = estimate.x[:, :2], estimate.x[:, 2]
     height = c + np.sum(cloud.origin[:, :2] * a_b, axis=-1) - cloud.origin[:, 2]
@@ -119,11 +119,8 @@ def wtls(
         problem = printed_problem(cloud, 1.0, x, cosine_at).problem
         x, convergence = minimise(problem, x, tolerance=1e-14, max_iterations=max_iterations)
         iterations += convergence.iterations
-    convergence = only_minima(problem, x, convergence)
-    sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
-    cofactor = gauss_newton_cofactor(problem, x)
-    convergence = replace(convergence, iterations=iterations)
-    return _fit(cloud, "wtls", Adjustment(x, cofactor, sigma_0, None, convergence))
+    convergence = only_minima(problem, x, replace(convergence, iterations=iterations))
+    return _fit(cloud, "wtls", solution(problem, x, convergence, cloud.count - PARAMETERS))
 
 
 def eiv(cloud: PlaneCloud, *, max_iterations: int = 100) -> PlaneFit:
@@ -184,10 +181,9 @@ def _principal_components(cloud: PlaneCloud) -> Adjustment:
     T, mean, total = tangents(x[:, :3]), cloud.mean(), cloud.factor[:, 0, 0] ** 2
     # Rotation about the weighted mean does not correlate with h there; h at the origin takes the
     # rotation along.
-    along = axes[..., :2].swapaxes(-1, -2) @ T
-    rotation = np.einsum("bki,bk,bkj->bij", along, extents[:, :2] ** -2.0, along)
+    along = axes[..., :2].mT @ T
     cofactor = np.zeros((len(x), 3, 3))
-    cofactor[:, :2, :2] = rotation
+    cofactor[:, :2, :2] = np.einsum("bki,bk,bkj->bij", along, extents[:, :2] ** -2.0, along)
     cofactor[:, 2, 2] = 1.0 / total
     J = np.broadcast_to(np.eye(3), cofactor.shape).copy()
     J[:, 2, :2] = (mean[:, None, :] @ T)[:, 0]
@@ -205,29 +201,29 @@ def _orthogonal(cloud: PlaneCloud, max_iterations: int) -> Adjustment:
     A_w = np.empty((len(axes), 4, cloud.count))
     for piece in point_pieces(cloud.points):
         D = (cloud.points[:, piece] - cloud.origin[:, None, :]) / cloud.length[:, None, None]
-        A_w[:, [0, 1, 3], piece] = (D @ axes).swapaxes(-1, -2)
+        A_w[:, [0, 1, 3], piece] = (D @ axes).mT
     A_w[:, 2] = 1.0
     # heights from a length below the plane: |x| is about 1 then, and a relative step means
     # something
     A_w[:, 3] += 1.0
     problem = EIVProblem(A_w, RotatedCofactors(cloud.cofactors, axes))
-    x, convergence = iterate_to_convergence(
-        problem, np.tile([0.0, 0.0, 1.0], (len(axes), 1)), newton_step, 1e-14, max_iterations
-    )
+    x = np.tile([0.0, 0.0, 1.0], (len(axes), 1))
+    x, convergence = iterate_to_convergence(problem, x, newton_step, 1e-14, max_iterations)
     convergence = only_minima(problem, x, convergence)
+    found = solution(problem, x, convergence, cloud.count - PARAMETERS)
     # From (α, β, γ) to the normal and h, and to its rotations.
     w = np.concatenate([-x[:, :2], np.ones((len(x), 1))], axis=-1)
     scale = 1.0 / np.linalg.norm(w, axis=-1, keepdims=True)
     n = (axes @ (w * scale)[..., None])[..., 0]
     h = (x[:, 2:] - 1.0) * scale
     J = np.zeros((len(x), 3, 3))
-    J[:, :2, :2] = -scale[..., None] * tangents(n).swapaxes(-1, -2) @ axes[..., :2]
+    J[:, :2, :2] = -scale[..., None] * tangents(n).mT @ axes[..., :2]
     J[:, 2, :2] = -(h * scale**2) * x[:, :2]
     J[:, 2, 2] = scale[:, 0]
-    cofactor = propagate(gauss_newton_cofactor(problem, x), J) / cloud.length[:, None, None] ** 2
     # The cofactors are in m² and the rows in units of the length.
-    sigma = cloud.length * unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
-    return Adjustment(np.concatenate([n, h], axis=-1), cofactor, sigma, None, convergence)
+    cofactor = propagate(found.cofactor, J) / cloud.length[:, None, None] ** 2
+    x = np.concatenate([n, h], axis=-1)
+    return replace(found, x=x, cofactor=cofactor, sigma=cloud.length * found.sigma)
 
 
 @dataclass(frozen=True)
@@ -256,13 +252,13 @@ class RotatedCofactors(IndependentRows, Stack):
         # (Q g) · u as one product of Q with u gᵀ, and so for v.
         products = np.einsum("bik,bj->bijk", self.axes[..., :2], g).reshape(-1, 9, 2)
         columns = np.zeros(self.Q.shape[:1] + (3,) + self.Q.shape[1:2])
-        columns[:, :2] = (self.Q.reshape(self.Q.shape[:2] + (9,)) @ products).swapaxes(-1, -2)
+        columns[:, :2] = (self.Q.reshape(self.Q.shape[:2] + (9,)) @ products).mT
         return columns
 
     def weighted_sum(self, multipliers: Array, t: Array) -> Array:
         Q = self.Q.reshape(self.Q.shape[:2] + (9,))
         total = ((multipliers * t)[:, None, :] @ Q).reshape(-1, 3, 3)
-        rotated = self.axes.swapaxes(-1, -2) @ total @ self.axes
+        rotated = self.axes.mT @ total @ self.axes
         result = np.zeros((len(rotated), 4, 4))
         result[:, np.array([0, 1, 3])[:, None], [0, 1, 3]] = rotated
         return result
@@ -271,13 +267,8 @@ class RotatedCofactors(IndependentRows, Stack):
 # ------------------------------------------------------------------------------ the printed problem
 
 
-@dataclass(frozen=True)
-class PrintedPlane(Stack):
-    """The printed problem of a stack in the clouds' own frames (``igg3.Printed``)."""
-
-    problem: EIVProblem
-    origin: Array
-    length: Array
+class PrintedPlane(PrintedSurface):
+    """The printed problem of planes."""
 
     @staticmethod
     def distances(x: Array, r: Array) -> Array:
@@ -286,16 +277,7 @@ class PrintedPlane(Stack):
 
     def parameters(self, x: Array) -> Array:
         """(a, b, c), c in m."""
-        parameters = np.concatenate([x[:, :2], self.length[:, None] * x[:, 2:]], axis=-1)
-        parameters[:, 2] += self.origin[:, 2] - np.sum(self.origin[:, :2] * x[:, :2], axis=-1)
-        return parameters
-
-    def step(self, difference: Array) -> Array:
-        """|ΔX| of X = (a, b, c)."""
-        dc = self.length * difference[:, 2] - np.sum(
-            self.origin[:, :2] * difference[:, :2], axis=-1
-        )
-        return np.sqrt(np.sum(difference[:, :2] ** 2, axis=-1) + dc**2)
+        return _in_metres(self, x)[0]
 
     @staticmethod
     def fit(cloud: PlaneCloud, method: str, adjustment: Adjustment) -> PlaneFit:
@@ -311,7 +293,7 @@ def printed_problem(
     LS plane. Source: Wu, Chen & Wang, section 2.
     """
     plane = _least_squares(cloud).x if plane is None else plane
-    slopes = _in_metres(cloud, plane)[0]
+    slopes, jacobian = _in_metres(cloud, plane)
     cosines = incidence_cosines(cloud.points, slopes, cloud.station, at=cosine_at)
     P = unit_weight * np.maximum(cosines, GRAZING)
     if cloud.weights is not None:
@@ -319,7 +301,8 @@ def printed_problem(
     Q = 1.0 / (P * cloud.length[:, None] ** 2)
     C = np.broadcast_to(np.diag([1.0, 1.0, 0.0, 0.0]), (len(Q), 4, 4))
     A_z = rows(cloud.points, cloud.origin, cloud.length)[:, SLOPES]
-    return PrintedPlane(EIVProblem(A_z, CommonCofactors(C, Q, Q)), cloud.origin, cloud.length)
+    problem = EIVProblem(A_z, CommonCofactors(C, Q, Q))
+    return PrintedPlane(problem, cloud.origin, cloud.length, jacobian)
 
 
 def incidence_cosines(points, plane, station=(0.0, 0.0, 0.0), *, at: str = "raw") -> np.ndarray:
@@ -369,7 +352,7 @@ def incidence_cosines(points, plane, station=(0.0, 0.0, 0.0), *, at: str = "raw"
 # ------------------------------------------------------------------------------------------ results
 
 
-def _in_metres(cloud: PlaneCloud, x: Array) -> tuple[Array, Array]:
+def _in_metres(cloud: PlaneCloud | PrintedPlane, x: Array) -> tuple[Array, Array]:
     """(a, b, c) in the caller's frame from x (B, 3) in the cloud's; their Jacobian (B, 3, 3)."""
     J = np.zeros((len(x), 3, 3))
     J[:, [0, 1], [0, 1]] = 1.0

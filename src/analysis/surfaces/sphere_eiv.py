@@ -3,11 +3,10 @@
     Y_i = w_i = |p_i|²,   A_i = (2x_i, 2y_i, 2z_i, 1),   X = (a, b, c, δ),   δ = r² − |k|²
                                                                     (Ou & Liu 2017, eqs. 1-2)
 
-Here x is (k, δ). Everything is solved in coordinates ``D = (p − origin)/length``, origin the
-centroid: the rows ``(2D, 1, |D|²)`` are the printed rows times a known matrix
-(:func:`_frame_change`), so the printed weights, which depend on the printed origin, are carried
-over exactly and only the rounding error of large coordinates is lost. Pure TLS alone must see the
-printed numbers.
+Here x is (k, δ) in coordinates ``D = (p − origin)/length``, origin the centroid. The rows
+``(2D, 1, |D|²)`` are the printed rows times a known matrix (:func:`_frame_change`): the printed
+weights, which depend on the printed origin, are carried over exactly, and only the rounding error
+of large coordinates is lost. Pure TLS alone must see the printed numbers.
 
 The algebraic residual is ``r_i = w_i − A_i X = |p_i − k|² − r² = d_i (2r + d_i)`` with d the
 orthogonal distance.
@@ -35,6 +34,7 @@ from ..adjustment.steps import (
 from ..adjustment.wtls import smallest_singular_solution, triangular_factor
 from ..checks import check_positive, check_whole_number
 from ..result import Adjustment, Array
+from .linear import PrintedSurface, solution
 from .sphere import (
     PARAMETERS,
     SphereCloud,
@@ -65,7 +65,7 @@ def tls(cloud: SphereCloud) -> SphereFit:
     Source: Ou & Liu 2017, tables 1-3.
     """
     back = _frame_change(-cloud.origin / cloud.length[:, None], 1.0 / cloud.length)
-    X, _ = smallest_singular_solution(cloud.factor @ back.swapaxes(-1, -2))
+    X, _ = smallest_singular_solution(cloud.factor @ back.mT)
     k = (X[..., :3] - cloud.origin) / cloud.length[:, None]
     square = squared_radius(X) / cloud.length**2
     x = np.concatenate([k, (square - np.sum(k * k, axis=-1))[..., None]], axis=-1)
@@ -83,24 +83,23 @@ def mixed_ls_tls(cloud: SphereCloud) -> SphereFit:
     """
     length = cloud.length[:, None]
     R = triangular_factor([cloud.factor[..., [3, 0, 1, 2, 4]]])  # the exact column first
-    noisy = R[:, 1:, 1:] * np.concatenate([length, length, length, length**2], axis=-1)[:, None, :]
-    k_ls = solve(noisy[:, :3, :3], noisy[:, :3, 3:])[..., 0] + cloud.origin
+    noisy = R[:, 1:, 1:] * length[..., None] ** [1, 1, 1, 2]
+    A = noisy[:, :3, :3]
+    k_ls = solve(A, noisy[:, :3, 3:])[..., 0] + cloud.origin
     # Exact points leave no residual; one at rounding level changes nothing and can be inverted.
     residual = np.maximum(
         np.abs(noisy[:, 3, 3]), np.finfo(float).eps * np.abs(noisy[:, :3, 3]).max(axis=-1)
     )
     inverse = np.zeros_like(noisy)
-    inverse[:, :3, :3] = solve(noisy[:, :3, :3], np.broadcast_to(np.eye(3), noisy[:, :3, :3].shape))
+    inverse[:, :3, :3] = solve(A, np.broadcast_to(np.eye(3), A.shape))
     inverse[:, :3, 3] = -k_ls / residual[:, None]
     inverse[:, 3, 3] = 1.0 / residual
     squared = np.linalg.norm(inverse, ord=2, axis=(-2, -1)) ** -2.0
-    N = noisy[:, :3, :3].swapaxes(-1, -2) @ noisy[:, :3, :3]
-    shift = solve(N - squared[:, None, None] * np.eye(3), k_ls[..., None])[..., 0]
+    shift = solve(A.mT @ A - squared[:, None, None] * np.eye(3), k_ls[..., None])[..., 0]
     k = (k_ls + squared[:, None] * shift - cloud.origin) / length
     delta = (R[:, 0, 4] - np.einsum("bi,bi->b", R[:, 0, 1:4], k)) / R[:, 0, 0]  # Σr = 0
-    return _common_fit(
-        cloud, "mixed_ls_tls", np.concatenate([k, delta[:, None]], axis=-1), [1, 1, 1, 0, 1]
-    )
+    x = np.concatenate([k, delta[:, None]], axis=-1)
+    return _common_fit(cloud, "mixed_ls_tls", x, [1, 1, 1, 0, 1])
 
 
 def wtls(
@@ -124,17 +123,12 @@ def wtls(
     """
     check_whole_number(max_iterations, "max_iterations")
     problem = printed_problem(cloud, check_positive(unit_weight, "unit_weight")).problem
+    tolerance, x = check_positive(tolerance, "tolerance"), cloud.least_squares()
     x, convergence = iterate_to_convergence(
-        problem,
-        cloud.least_squares(),
-        schaffrin_wieser_step,
-        check_positive(tolerance, "tolerance"),
-        max_iterations,
+        problem, x, schaffrin_wieser_step, tolerance, max_iterations
     )
     convergence = only_minima(problem, x, convergence)
-    sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - PARAMETERS)
-    cofactor = gauss_newton_cofactor(problem, x)
-    return _fit(cloud, "wtls", Adjustment(x, cofactor, sigma_0, None, convergence))
+    return _fit(cloud, "wtls", solution(problem, x, convergence, cloud.count - PARAMETERS))
 
 
 # a sphere that shrinks onto a point is reported by its ending
@@ -154,21 +148,18 @@ def eiv(cloud: SphereCloud, *, max_iterations: int = 100) -> SphereFit:
     check_whole_number(max_iterations, "max_iterations")
     A_w = rows(cloud.points, cloud.origin, cloud.length)
     problem = EIVProblem(A_w, PointCofactors(0.5 * A_w[:, :3], cloud.cofactors_in_frame()))
-    x = cloud.least_squares()
-    free, step = PARAMETERS, newton_step
-    if cloud.fixed_radius is not None:
-        free, radius = PARAMETERS - 1, cloud.fixed_radius / cloud.length
-        x[:, 3] = radius**2 - np.sum(x[:, :3] ** 2, axis=-1)
-        step = _newton_step_at_fixed_radius
-    x, convergence = iterate_to_convergence(problem, x, step, 1e-14, max_iterations)
+    x, redundancy = cloud.least_squares(), cloud.count - PARAMETERS
     if cloud.fixed_radius is None:
+        x, convergence = iterate_to_convergence(problem, x, newton_step, 1e-14, max_iterations)
         convergence = only_minima(problem, x, convergence)
-    sigma_0 = unit_weight_sd(objective(problem, x), cloud.count - free)
-    cofactor = gauss_newton_cofactor(problem, x)
-    if cloud.fixed_radius is not None:
-        P = _tangent(x)
-        cofactor = P @ solve(P.swapaxes(-1, -2) @ solve(cofactor, P), P.swapaxes(-1, -2))
-    return _fit(cloud, "eiv", Adjustment(x, cofactor, sigma_0, None, convergence))
+        return _fit(cloud, "eiv", solution(problem, x, convergence, redundancy))
+    x[:, 3] = (cloud.fixed_radius / cloud.length) ** 2 - np.sum(x[:, :3] ** 2, axis=-1)
+    x, convergence = iterate_to_convergence(
+        problem, x, _newton_step_at_fixed_radius, 1e-14, max_iterations
+    )
+    adjustment, P = solution(problem, x, convergence, redundancy + 1), _tangent(x)
+    cofactor = P @ solve(P.mT @ solve(adjustment.cofactor, P), P.mT)
+    return _fit(cloud, "eiv", replace(adjustment, cofactor=cofactor))
 
 
 # ----------------------------------------------------------------------------------- a fixed radius
@@ -187,8 +178,8 @@ def _newton_step_at_fixed_radius(problem: EIVProblem, x: Array) -> Array:
     square = squared_radius(x)
     value, gradient, hessian = derivatives(problem, x)
     P = _tangent(x)
-    reduced = P.swapaxes(-1, -2) @ hessian @ P - 2.0 * gradient[:, 3, None, None] * np.eye(3)
-    step = -solve(reduced, P.swapaxes(-1, -2) @ gradient[..., None])[..., 0]
+    reduced = P.mT @ hessian @ P - 2.0 * gradient[:, 3, None, None] * np.eye(3)
+    step = -solve(reduced, P.mT @ gradient[..., None])[..., 0]
     for _ in range(30):
         k = x[:, :3] + step
         new = np.concatenate([k, (square - np.sum(k * k, axis=-1))[:, None]], axis=-1)
@@ -266,16 +257,11 @@ def _frame_change(origin: Array, length: Array) -> Array:
 def _common_cofactors(cloud: SphereCloud, printed: list[float]) -> Array:
     """Common cofactor ``diag(printed)`` of the printed rows (2p, 1, |p|²), in the cloud's frame."""
     L = _frame_change(cloud.origin, cloud.length)
-    return (L * np.array(printed)) @ L.swapaxes(-1, -2)
+    return (L * np.array(printed)) @ L.mT
 
 
-@dataclass(frozen=True)
-class PrintedSphere(Stack):
-    """The printed problem of a stack in the clouds' own frames (``igg3.Printed``)."""
-
-    problem: EIVProblem
-    origin: Array
-    length: Array
+class PrintedSphere(PrintedSurface):
+    """The printed problem of spheres."""
 
     @staticmethod
     def distances(x: Array, r: Array) -> Array:
@@ -291,12 +277,6 @@ class PrintedSphere(Stack):
         parameters = self.length[:, None] * with_radius(x)
         parameters[:, :3] += self.origin
         return parameters
-
-    def step(self, difference: Array) -> Array:
-        """|ΔX| of X = (a, b, c, δ) in m and m²."""
-        dk = difference[:, :3] * self.length[:, None]
-        ddelta = difference[:, 3] * self.length**2 - 2.0 * np.einsum("bi,bi->b", self.origin, dk)
-        return np.sqrt(np.einsum("bi,bi->b", dk, dk) + ddelta**2)
 
     @staticmethod
     def fit(cloud: SphereCloud, method: str, adjustment: Adjustment) -> SphereFit:
@@ -316,7 +296,10 @@ def printed_problem(cloud: SphereCloud, unit_weight: float) -> PrintedSphere:
     Q_Y = np.maximum(w, 1e-9 * w.max(axis=-1, keepdims=True)) * Q_X / cloud.length[:, None] ** 4
     cofactors = CommonCofactors(_common_cofactors(cloud, [1, 1, 1, 0, 0]), Q_X, Q_Y)
     A_w = rows(cloud.points, cloud.origin, cloud.length)
-    return PrintedSphere(EIVProblem(A_w, cofactors), cloud.origin, cloud.length)
+    jacobian = cloud.length[:, None, None] ** 2 * _frame_change(cloud.origin, cloud.length).mT
+    return PrintedSphere(
+        EIVProblem(A_w, cofactors), cloud.origin, cloud.length, jacobian[:, :4, :4]
+    )
 
 
 # ------------------------------------------------------------------------------------------ results
@@ -337,8 +320,7 @@ def _common_fit(cloud: SphereCloud, method: str, x: Array, printed: list[float])
     ones = np.ones((len(x), 1))
     # The triangular factor stands for the rows.
     problem = EIVProblem(
-        cloud.factor.swapaxes(-1, -2),
-        CommonCofactors(_common_cofactors(cloud, printed), ones, 0.0 * ones),
+        cloud.factor.mT, CommonCofactors(_common_cofactors(cloud, printed), ones, 0.0 * ones)
     )
     s = problem.cofactors.misclosure(misclosures(problem, x)[0])[:, 0]
     cofactor = gauss_newton_cofactor(problem, x) / (s * cloud.length**4)[:, None, None]
@@ -348,5 +330,5 @@ def _common_fit(cloud: SphereCloud, method: str, x: Array, printed: list[float])
 def _algebraic_sd(cloud: SphereCloud, x: Array) -> Array:
     """``√(Σ P r²/(n − 4))`` in m²."""
     z = np.concatenate([-x, np.ones((len(x), 1))], axis=-1)
-    r = (z[:, None, :] @ cloud.factor.swapaxes(-1, -2))[:, 0]
+    r = (z[:, None, :] @ cloud.factor.mT)[:, 0]
     return cloud.length**2 * unit_weight_sd(np.sum(r * r, axis=-1), cloud.count - PARAMETERS)
