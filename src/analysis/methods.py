@@ -15,7 +15,8 @@ import numpy as np
 from .adjustment import igg3
 from .blocks import BLOCK, pieces
 from .checks import check_one_of, check_positive, finite_array, point_array
-from .orthogonal import gauss_helmert
+from .orthogonal.gauss_helmert import geometric
+from .orthogonal.robust import robust
 from .orthogonal.cloud import Cloud, DegenerateCloud, a_priori
 from .result import Array, Fit, join, warn_if_not_converged
 from .surfaces import cylinder, ellipse, plane, plane_eiv, sphere, sphere_eiv
@@ -51,17 +52,13 @@ class Method:
 # Colours: Okabe & Ito's eight, which colour-blind readers can tell apart; a method has the same one
 # for every surface.
 GEOMETRIC = Method(
-    "orthogonal distance",
-    "Pope 1972; Neitzel 2010",
-    "#999999",
-    gauss_helmert.geometric,
-    consistent=True,
+    "orthogonal distance", "Pope 1972; Neitzel 2010", "#999999", geometric, consistent=True
 )
 ROBUST = Method(
     "robust",
     "Rousseeuw & Van Driessen 2006; Yang, Song & Xu 2002",
     "#000000",
-    gauss_helmert.robust,
+    robust,
     consistent=True,
     seeded=True,
 )

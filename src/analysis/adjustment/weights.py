@@ -85,6 +85,10 @@ class WeightFunction(ABC):
         """The factor ω(u) = ψ(u)/u; it falls from 1 at u = 0 and is never negative."""
         return self._weight(_magnitude(u))[()]
 
+    def weight_slope(self, u):
+        """u ω′(u), which Newton's method needs; 0 where the weight does not depend on u."""
+        return self._weight_slope(_magnitude(u))[()]
+
     @property
     def mean_weight(self) -> float:
         """E[ω] for normal u."""
@@ -130,6 +134,9 @@ class WeightFunction(ABC):
 
     @abstractmethod
     def _weight(self, t): ...
+
+    @abstractmethod
+    def _weight_slope(self, t): ...
 
 
 @cache  # equal functions share them: the quadrature takes longer than a small adjustment
@@ -203,6 +210,13 @@ class IGG3(WeightFunction):
         w /= t
         return w
 
+    def _weight_slope(self, t):
+        width, falls = self.k1 - self.k0, (t >= self.k0) & (t < self.k1)
+        left = (self.k1 - t[falls]) / width
+        slope = np.zeros_like(t)
+        slope[falls] = -self.k0 * left ** (self.power - 1) * (left / t[falls] + self.power / width)
+        return slope
+
 
 @dataclass(frozen=True)
 class IGG1(WeightFunction):
@@ -226,6 +240,9 @@ class IGG1(WeightFunction):
     def _weight(self, t):
         return np.where(t >= self.k1, 0.0, self.k0 / np.maximum(t, self.k0))
 
+    def _weight_slope(self, t):
+        return np.where((t >= self.k0) & (t < self.k1), -self.k0 / np.maximum(t, self.k0), 0.0)
+
 
 @dataclass(frozen=True)
 class Huber(WeightFunction):
@@ -247,6 +264,9 @@ class Huber(WeightFunction):
 
     def _weight(self, t):
         return self.c / np.maximum(t, self.c)
+
+    def _weight_slope(self, t):
+        return np.where(t >= self.c, -self.c / np.maximum(t, self.c), 0.0)
 
 
 @dataclass(frozen=True)
@@ -277,6 +297,11 @@ class Hampel(WeightFunction):
     def _weight(self, t):
         return self.a / np.maximum(t, self.a) * self._left(t)
 
+    def _weight_slope(self, t):
+        over = self.a / np.maximum(t, self.a)
+        falling = np.where(t < self.c, -over * self.c / (self.c - self.b), 0.0)
+        return np.where(t >= self.b, falling, np.where(t >= self.a, -over, 0.0))
+
 
 @dataclass(frozen=True)
 class Bisquare(WeightFunction):
@@ -304,6 +329,10 @@ class Bisquare(WeightFunction):
     def _weight(self, t):
         return (1 - self._squared(t)) ** 2
 
+    def _weight_slope(self, t):
+        z2 = self._squared(t)
+        return -4 * z2 * (1 - z2)
+
 
 @dataclass(frozen=True)
 class Danish(WeightFunction):
@@ -329,6 +358,10 @@ class Danish(WeightFunction):
 
     def _weight(self, t):
         return np.exp(self._exponent(t))
+
+    def _weight_slope(self, t):
+        exponent = self._exponent(t)
+        return np.where(t >= self.c, 2 * (exponent - 1) * np.exp(exponent), 0.0)
 
 
 WEIGHT_FUNCTIONS: dict[str, WeightFunction] = {

@@ -6,10 +6,26 @@ coordinates in the clouds' frames; s numbers x describe a surface, t of its para
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
+
+import numpy as np
 
 from ..result import Adjustment, Array, Fit
 from .observations import Observations, Points
+
+
+class Start(NamedTuple):
+    """Surfaces of a stack that a robust adjustment starts from.
+
+    x : (B, s); spread : (B,) of the distances, as a standard deviation
+    count : (B,) number of closest points that they rest on
+    half : (B,) bool, whether these are the half that least trimmed squares takes
+    """
+
+    x: Array
+    spread: Array
+    count: np.ndarray
+    half: np.ndarray
 
 
 class GeometricModel(Protocol):
@@ -54,22 +70,32 @@ class GeometricModel(Protocol):
 class ElementalModel(GeometricModel, Protocol):
     """A geometric model with closed forms through few points and near many."""
 
+    size: int
+    """s, the number of numbers x"""
     sample: int
     """number of points that determine a surface"""
-    fixed: bool = False
-    """whether part of x is given and not estimated"""
 
-    def with_fixed(self, x: Array) -> Array:
-        """x (B, s) with its fixed part inserted."""
-        return x
+    def __getitem__(self, keep) -> ElementalModel:
+        """The model of some of the clouds of its stack."""
+        return self
 
     def minimal_fit(self, samples: Array) -> Array:
-        """x (…, s) through ``sample`` points (…, sample, dim); NaN where there is no surface."""
+        """x (B, S, s) through samples (B, S′, ``sample``, dim), one or more each.
+
+        NaN where there is no surface.
+        """
         ...
 
-    def algebraic(self, D: Array, weights: Array) -> Array:
-        """x (…, s) of a weighted algebraic fit to D (…, n, dim) with weights (…, n)."""
+    def refit(self, x: Array, D: Array, weights: Array) -> Array:
+        """Fits (B, K, s) to points D (B, n, dim) with weights (B, K, n), in closed form.
+
+        Where there is none, one step from x (B, K, s); NaN asks for a first fit.
+        """
         ...
+
+    def lengths(self, x: Array) -> tuple[Array, Array]:
+        """Lengths (B, q) that x (B, s) must have to be a surface; their gradients (B, q, t)."""
+        return np.empty((len(x), 0)), np.empty((len(x), 0, self.degrees))
 
 
 class SurfaceCloud(Protocol):
@@ -98,10 +124,14 @@ class SurfaceCloud(Protocol):
         """x (B, s) from which a least-squares adjustment starts."""
         ...
 
-    def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
-        """x (B, s) near the half of some points D (B, m, dim) closest to one surface.
+    def degenerate(self, got: str, index: int) -> ValueError:
+        """The error for points of a cloud that do not determine the surface."""
+        ...
 
-        Second, the standard deviation (B,) of their distances.
+    def robust_start(self, D: Array, seed: int, keep: slice) -> Start:
+        """Surfaces near most of some points D (B, m, dim) of some of the clouds.
+
+        Or those that chance explains worst. The points lie at different places.
         """
         ...
 

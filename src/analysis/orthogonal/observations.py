@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ..blocks import point_pieces
+from ..blocks import BLOCK, point_pieces
 from ..result import Array
 
 
@@ -40,6 +41,12 @@ class Points:
         """Coordinates (B, n) along an oblique direction: the points' own order."""
         return self.D @ np.sqrt([2.0, 3.0, 5.0])[: self.D.shape[-1]]
 
+    def different(self) -> np.ndarray:
+        """(B, n) bool: False for a point equal to the one before it."""
+        new = np.ones(self.D.shape[:-1], dtype=bool)
+        np.any(self.D[:, 1:] != self.D[:, :-1], axis=-1, out=new[:, 1:])
+        return new
+
     def __getitem__(self, keep) -> Points:
         axes = None if self.axes is None else self.axes[keep]
         return Points(self.D[keep], self.variances[keep], axes)
@@ -72,6 +79,19 @@ class Observations:
 
     def piece(self, part: slice) -> Points:
         """Some of the points of every cloud, in the frame."""
+        if len(self.points) * self.count <= BLOCK:
+            return self._all  # which are one piece
+        return self._piece(part)
+
+    def all(self) -> Points:
+        """The points of every cloud, in the frame; for clouds that are not large."""
+        return self._all
+
+    @cached_property
+    def _all(self) -> Points:
+        return self._piece(slice(0, self.count))
+
+    def _piece(self, part: slice) -> Points:
         given = self.points[:, part].swapaxes(-1, -2)
         # one array per coordinate: what is done to all points then runs through contiguous memory
         D = np.empty(given.shape)
@@ -80,10 +100,6 @@ class Observations:
         variances = self.variances if self.variances.shape[1] == 1 else self.variances[:, part]
         axes = None if self.axes is None else self.axes[:, part]
         return Points(D.swapaxes(-1, -2), variances, axes)
-
-    def all(self) -> Points:
-        """The points of every cloud, in the frame; for clouds that are not large."""
-        return self.piece(slice(None))
 
     def subsample(self, count: int, seed: int) -> Observations:
         """At most ``count`` points of each cloud; neither they nor their order depend on the order.

@@ -22,8 +22,7 @@ import numpy as np
 
 from ..adjustment.linalg import propagate, solve
 from ..orthogonal.cloud import Cloud
-from ..orthogonal.contracts import GeometricModel
-from ..orthogonal.least_trimmed_squares import SUBSET
+from ..orthogonal.contracts import GeometricModel, Start
 from ..orthogonal.observations import Points
 from ..result import Adjustment, Array, FittedSurface
 from .conic import axes_of
@@ -35,6 +34,7 @@ PARAMETERS = 7
 # frame, and m, g, h.
 POINT, FRAME, SHAPE = slice(0, 3), slice(3, 12), slice(12, 15)
 IN_SECTION = [0, 1, 4, 5, 6]  # of the free parameters
+SUBSET = 1000  # points by which the start of a least-squares adjustment is found
 VERTICAL = np.cos(np.radians(1.0))
 
 
@@ -253,9 +253,9 @@ class CylinderCloud(Cloud):
     def start(self) -> Array:
         """Near the cylinder that fits all points best."""
         D = self.observations().subsample(SUBSET, 0).all().D
-        return fit_majority(self.model, D, self.axis, None)[0]
+        return fit_majority(self.model, D, self.axis, None).x
 
-    def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
+    def robust_start(self, D: Array, seed: int, keep: slice) -> Start:
         """Of seven points a sample would seldom be clean: see ``cylinder_start``."""
         return fit_majority(self.model, D, self.axis, seed)
 

@@ -18,8 +18,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..adjustment.linalg import solve
-from ..orthogonal.contracts import GeometricModel
-from ..orthogonal.least_trimmed_squares import closest, majority, trimmed_spread, trimmed_sum
+from ..orthogonal.contracts import GeometricModel, Start
+from ..orthogonal.least_trimmed_squares import (
+    closest,
+    majority,
+    sorted_distances,
+    trimmed_spread,
+    trimmed_sum,
+)
 from ..result import Array
 from .ellipse import EllipseModel
 
@@ -32,18 +38,20 @@ CANDIDATES = 12  # directions that are looked at again, and cylinders that are f
 KEPT = 6  # of the samples along each of these directions, those that are followed
 
 
-def fit_majority(
-    model: GeometricModel, D: Array, axis: Array | None, seed: int | None
-) -> tuple[Array, Array]:
+def fit_majority(model: GeometricModel, D: Array, axis: Array | None, seed: int | None) -> Start:
     """Cylinders near most of the points of clouds D (B, n, 3) in their frames.
 
     axis : (3,) approximate direction, or None to try directions all over
     seed : of the samples for least trimmed squares, or None to fit all points alike
-
-    Returns x (B, 15) and the spread of the distances (B,) as a standard deviation.
     """
     found = [_fit_majority(model, cloud, axis, seed) for cloud in D]
-    return np.stack([x for x, _ in found]), np.array([spread for _, spread in found])
+    h = D.shape[1] if seed is None else majority(D.shape[1], model)
+    return Start(
+        np.stack([x for x, _ in found]),
+        np.array([spread for _, spread in found]),
+        np.full(len(D), h),
+        np.ones(len(D), dtype=bool),
+    )
 
 
 def _fit_majority(
@@ -117,10 +125,10 @@ def _along(D: Array, frame: Array, draws: np.ndarray | None, h: int, kept: int) 
     """The ``kept`` best cylinders x (…, 15) along one direction, by their h closest points."""
     seen, section = D @ frame[:2].T, EllipseModel()
     if draws is None:
-        ellipses = section.algebraic(seen, np.ones(len(seen)))[None]
+        ellipses = section.refit(np.empty(0), seen[None], np.ones((1, 1, len(seen))))[0]
     else:
-        ellipses = section.minimal_fit(seen[draws])
-    cost = trimmed_sum(section, ellipses[None], seen[None], h)[0]
+        ellipses = section.minimal_fit(seen[None, draws])[0]
+    cost = trimmed_sum(sorted_distances(section, ellipses[None], seen[None]), h)[0]
     best = np.argsort(cost)[:kept]
     ellipses = ellipses[best[np.isfinite(cost[best])]]
     frames = np.broadcast_to(frame.ravel(), (len(ellipses), 9))
@@ -138,7 +146,7 @@ def concentrate(
     They lessen the sum of the h smallest squared distances, which comes second, (K,).
     """
     D = np.broadcast_to(D, (len(x),) + D.shape)
-    cost = trimmed_sum(model, x[:, None], D, h)[:, 0]
+    cost = trimmed_sum(sorted_distances(model, x[:, None], D), h)[:, 0]
     damping = np.full(len(x), 1e-3)
     for _ in range(steps):
         f, J = model.linearised(x, D)
@@ -148,7 +156,7 @@ def concentrate(
             model.degrees
         )
         new = model.update(x, -solve(N, weighed @ f[..., None])[..., 0])
-        now = trimmed_sum(model, new[:, None], D, h)[:, 0]
+        now = trimmed_sum(sorted_distances(model, new[:, None], D), h)[:, 0]
         better = now < cost
         settled = np.where(better, cost - now <= 1e-6 * cost, damping > 1.0).all()
         x, cost = np.where(better[:, None], new, x), np.where(better, now, cost)

@@ -24,9 +24,9 @@ from ..adjustment.linalg import cofactor_from_normal, propagate, solve, unit_wei
 from ..adjustment.weights import IGG3, PRINTED_THRESHOLDS, ROUNDED_MAD_TO_SD
 from ..checks import check_positive, check_whole_number
 from ..orthogonal.cloud import ROUNDING, Cloud
-from ..orthogonal.contracts import ElementalModel
-from ..orthogonal.least_trimmed_squares import least_trimmed_squares
+from ..orthogonal.contracts import ElementalModel, Start
 from ..orthogonal.observations import Points
+from ..orthogonal.start import find_start
 from ..result import Adjustment, Array, Fit, FittedSurface
 from .conic import axes_of, conic_of, direct_from_factor, direct_from_points, ellipse_of, rows
 from .conic import minimal_fit as conic_minimal_fit
@@ -49,8 +49,7 @@ class EllipseModel(ElementalModel):
     """The ellipse as a geometric model, x = (u0, v0, m, g, h) in the cloud's frame."""
 
     dimension = 2
-    degrees = PARAMETERS
-    sample = 5
+    degrees = size = sample = PARAMETERS
 
     @staticmethod
     def update(x: Array, step: Array) -> Array:
@@ -143,14 +142,24 @@ class EllipseModel(ElementalModel):
         return centre + np.einsum("bnij,bnj->bni", points.axes, sd * foot)
 
     @staticmethod
-    def algebraic(D: Array, weights: Array) -> Array:
+    def refit(x: Array, D: Array, weights: Array) -> Array:
         """Weighted direct least squares (Halir & Flusser) from the moments of the points."""
-        return ellipse_of(direct_from_points(D, weights)[0])
+        return ellipse_of(direct_from_points(D[:, None], weights)[0])
 
     @staticmethod
     def minimal_fit(samples: Array) -> Array:
         """Through five points; NaN where their conic is no ellipse."""
         return conic_minimal_fit(samples)
+
+    @staticmethod
+    def lengths(x: Array) -> tuple[Array, Array]:
+        """The semi-axes m ± √(g² + h²)."""
+        half = np.hypot(x[:, 3], x[:, 4])[:, None]
+        along = x[:, 3:] / np.where(half > 0, half, 1.0)
+        gradients = np.zeros((len(x), 2, PARAMETERS))
+        gradients[:, :, 2] = 1.0
+        gradients[:, 0, 3:], gradients[:, 1, 3:] = along, -along
+        return np.concatenate([x[:, 2:3] + half, x[:, 2:3] - half], axis=-1), gradients
 
 
 def _minor(x: Array) -> Array:
@@ -316,9 +325,9 @@ class EllipseCloud(Cloud):
         """Direct least squares."""
         return ellipse_of(direct_from_factor(self.factor)[0])
 
-    def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
-        """Least trimmed squares."""
-        return least_trimmed_squares(self.model, D, seed)
+    def robust_start(self, D: Array, seed: int, keep: slice) -> Start:
+        """The best half, or the surface that chance explains worst."""
+        return find_start(self.model[keep], D, seed)
 
     def require_surface(self) -> None:
         """Refuse points on a line, and such as more than one conic passes through."""
@@ -419,7 +428,7 @@ def robust_direct(
         weights = function.weight(
             u / np.maximum(sigma[:, None], ROUNDING / np.sqrt(points.variances))
         )
-        new = model.algebraic(points.D, weights / points.variances)
+        new = ellipse_of(direct_from_points(points.D, weights / points.variances)[0])
         change = np.max(np.abs(new - state.x), axis=-1)
         lost = ~np.isfinite(change)
         return State(np.where(lost[:, None], state.x, new), sigma, weights), {

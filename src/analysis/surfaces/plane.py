@@ -13,9 +13,9 @@ import numpy as np
 
 from ..adjustment.linalg import propagate
 from ..orthogonal.cloud import Cloud
-from ..orthogonal.contracts import ElementalModel
-from ..orthogonal.least_trimmed_squares import least_trimmed_squares
+from ..orthogonal.contracts import ElementalModel, Start
 from ..orthogonal.observations import Points
+from ..orthogonal.start import find_start
 from ..result import Adjustment, Array, Fit, FittedSurface
 
 PARAMETERS = 3
@@ -31,6 +31,7 @@ class PlaneModel(ElementalModel):
 
     dimension = 3
     degrees = 3
+    size = 4
     sample = 3
 
     def __init__(self, pivot: Array | None = None):
@@ -79,8 +80,9 @@ class PlaneModel(ElementalModel):
         return points.D - Qn * (d / np.einsum("bni,bi->bn", Qn, x[:, :3]))[..., None]
 
     @staticmethod
-    def algebraic(D: Array, weights: Array) -> Array:
+    def refit(x: Array, D: Array, weights: Array) -> Array:
         """Weighted principal component analysis, from the moments of the points."""
+        D = D[:, None]
         total = weights.sum(axis=-1)
         mean = (weights[..., None, :] @ D)[..., 0, :] / total[..., None]
         S = (D.swapaxes(-1, -2) * weights[..., None, :]) @ D
@@ -179,9 +181,9 @@ class PlaneCloud(Cloud):
         n = self.principal_axes[1][..., 2]
         return np.concatenate([n, np.einsum("bi,bi->b", n, self.mean())[:, None]], axis=-1)
 
-    def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
-        """Least trimmed squares."""
-        return least_trimmed_squares(self.model, D, seed)
+    def robust_start(self, D: Array, seed: int, keep: slice) -> Start:
+        """The best half, or the surface that chance explains worst."""
+        return find_start(self.model[keep], D, seed)
 
     def require_surface(self) -> None:
         """Refuse points on a line."""

@@ -13,9 +13,9 @@ import numpy as np
 from ..adjustment.linalg import solve
 from ..adjustment.wtls import triangular_factor
 from ..orthogonal.cloud import Cloud
-from ..orthogonal.contracts import ElementalModel
-from ..orthogonal.least_trimmed_squares import least_trimmed_squares
+from ..orthogonal.contracts import ElementalModel, Start
 from ..orthogonal.observations import Points
+from ..orthogonal.start import find_start
 from ..result import Adjustment, Array, Fit, FittedSurface
 
 PARAMETERS = 4
@@ -28,19 +28,22 @@ class SphereModel(ElementalModel):
     """The sphere ``|p − k| = r`` as a geometric model, x = (a, b, c, r) in the cloud's frame."""
 
     dimension = 3
-    sample = 4
+    size = 4
 
     def __init__(self, fixed_radius: Array | None = None):
         """``fixed_radius`` (B,), or None for a free one."""
         self.fixed_radius = fixed_radius
-        self.fixed = fixed_radius is not None
-        self.degrees = 3 if self.fixed else 4
+        self.degrees = self.sample = 4 if fixed_radius is None else 3
+
+    def __getitem__(self, keep) -> SphereModel:
+        """The model of some of the clouds of its stack."""
+        return self if self.fixed_radius is None else SphereModel(self.fixed_radius[keep])
 
     def with_fixed(self, x: Array) -> Array:
-        """x (B, 4) with the fixed radius inserted."""
-        if self.fixed_radius is None:
-            return x
-        return np.concatenate([x[:, :3], self.fixed_radius[:, None]], axis=-1)
+        """x (B, …, 4) with the fixed radius inserted."""
+        if self.fixed_radius is not None:
+            x[..., 3] = self.fixed_radius.reshape((-1,) + (1,) * (x.ndim - 2))
+        return x
 
     def update(self, x: Array, step: Array) -> Array:
         """x (…, 4) after a step in the centre and, unless it is fixed, the radius."""
@@ -95,24 +98,53 @@ class SphereModel(ElementalModel):
         q /= 1.0 + mu.reshape(q.shape[1:]) * variances
         return k + np.einsum("bnij,jbn->bni", points.axes, q)
 
-    @staticmethod
-    def algebraic(D: Array, weights: Array) -> Array:
-        """Weighted algebraic least squares (Kåsa) from the moments of the points."""
-        rows = np.empty(D.shape[:-2] + (5, D.shape[-2]))
-        rows[..., :3, :] = 2.0 * D.swapaxes(-1, -2)
-        rows[..., 3, :] = 1.0
-        rows[..., 4, :] = np.einsum("...ni,...ni->...n", D, D)
-        N = (rows[..., :4, :] * weights[..., None, :]) @ rows.swapaxes(-1, -2)
-        return with_radius(solve(N[..., :4], N[..., 4:])[..., 0])
+    def refit(self, x: Array, D: Array, weights: Array) -> Array:
+        """Weighted algebraic least squares (Kåsa) from the moments of the points.
 
-    @staticmethod
-    def minimal_fit(samples: Array) -> Array:
-        """Through four points: three differences of their equations give the centre."""
+        With a fixed radius one Gauss-Newton step.
+        """
+        if self.fixed_radius is None or np.isnan(x).any():
+            D = D.swapaxes(-1, -2)
+            rows = np.empty((len(D), 5, D.shape[-1]))
+            rows[:, :3] = 2.0 * D
+            rows[:, 3] = 1.0
+            rows[:, 4] = np.einsum("bin,bin->bn", D, D)
+            rows = rows[:, None]
+            N = (rows[..., :4, :] * weights[..., None, :]) @ rows.swapaxes(-1, -2)
+            return self.with_fixed(with_radius(solve(N[..., :4], N[..., 4:])[..., 0]))
+        f, J = self.linearised(x, np.broadcast_to(D[:, None], x.shape[:2] + D.shape[1:]))
+        weighed = J * weights[..., None, :]
+        N, g = weighed @ J.swapaxes(-1, -2), weighed @ f[..., None]
+        return self.update(x, -solve(N, g)[..., 0])
+
+    def minimal_fit(self, samples: Array) -> Array:
+        """Through four points; of a fixed radius the two through three points.
+
+        Differences of the points' equations give the centre.
+        """
         first, others = samples[..., :1, :], samples[..., 1:, :]
         D = others - first
-        k = solve(2.0 * D, np.einsum("...ni,...ni->...n", D, D)[..., None])[..., 0]
-        radius = np.sqrt(np.einsum("...i,...i->...", k, k))
-        return np.concatenate([k + first[..., 0, :], radius[..., None]], axis=-1)
+        squares = np.einsum("...ni,...ni->...n", D, D)
+        if self.fixed_radius is None:
+            k = solve(2.0 * D, squares[..., None])[..., 0]
+            radius = np.sqrt(np.einsum("...i,...i->...", k, k))
+            return np.concatenate([k + first[..., 0, :], radius[..., None]], axis=-1)
+        # the centre of the circle through the points, and from it along the normal to both sides
+        normal = np.cross(D[..., 0, :], D[..., 1, :])
+        across = squares[..., :1] * D[..., 1, :] - squares[..., 1:] * D[..., 0, :]
+        square = np.einsum("...i,...i->...", normal, normal)[..., None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            k = np.cross(across, normal) / (2.0 * square)
+            height = self.fixed_radius[:, None] ** 2 - np.einsum("...i,...i->...", k, k)
+            up = normal * np.sqrt(height[..., None] / square)
+        k += first[..., 0, :]
+        centres = np.concatenate([k + up, k - up], axis=1)
+        return self.with_fixed(np.concatenate([centres, centres[..., :1]], axis=-1))
+
+    def lengths(self, x: Array) -> tuple[Array, Array]:
+        """The radius, unless it is fixed."""
+        gradients = np.eye(4)[3 : self.degrees, : self.degrees]
+        return x[:, 3 : self.degrees], np.broadcast_to(gradients, (len(x), *gradients.shape))
 
 
 def _multipliers(q: Array, variances: Array, r: Array) -> Array:
@@ -223,9 +255,9 @@ class SphereCloud(Cloud):
         x[:, 3] = np.nan_to_num(x[:, 3], nan=1.0)
         return self.model.with_fixed(x)
 
-    def robust_start(self, D: Array, seed: int) -> tuple[Array, Array]:
-        """Least trimmed squares."""
-        return least_trimmed_squares(self.model, D, seed)
+    def robust_start(self, D: Array, seed: int, keep: slice) -> Start:
+        """The best half, or the surface that chance explains worst."""
+        return find_start(self.model[keep], D, seed)
 
     def require_surface(self) -> None:
         """Refuse points in a plane (so also on a circle, on a line or in one place)."""

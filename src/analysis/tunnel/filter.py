@@ -25,7 +25,7 @@ import numpy as np
 
 from ..blocks import pieces
 from ..checks import check_one_of, check_positive, point_array
-from ..orthogonal.gauss_helmert import robust
+from ..orthogonal.robust import robust
 from ..result import join
 from ..surfaces.cylinder import CylinderCloud, CylinderFit, CylinderModel
 from .lining_surface import PixelGrid, fitted, median_scale

@@ -11,8 +11,8 @@ from scipy.stats import f as fisher
 
 import analysis
 from analysis.adjustment.weights import IGG3
-from analysis.orthogonal.gauss_helmert import LARGE
-from analysis.orthogonal.least_trimmed_squares import least_trimmed_squares
+from analysis.orthogonal.robust import LARGE
+from analysis.orthogonal.start import find_start
 from analysis.result import ConvergenceWarning
 from analysis.surfaces.sphere import SphereCloud, SphereModel
 from project import scans
@@ -269,7 +269,7 @@ def test_the_start_does_not_know_the_order(count):
     first, second = (points.subsample(count, 0).all().D for points in (given, shuffled))
     assert first.shape == (1, count, 3)
     np.testing.assert_array_equal(first, second)
-    first, second = (least_trimmed_squares(SphereModel(None), D, 0) for D in (first, second))
+    first, second = (find_start(SphereModel(None), D, 0) for D in (first, second))
     np.testing.assert_array_equal(first[0], second[0])
     np.testing.assert_array_equal(first[1], second[1])
 
