@@ -147,7 +147,7 @@ def _reweigh(function: WeightFunction, z: float, state: _State, weights: Array) 
 
     def reweigh(part: slice, squares: Array, J: Array, variances: Array):
         w = state.weights[:, part]
-        q = np.einsum("btn,btn->bn", state.cofactor @ J, J) / variances
+        q = np.maximum(np.einsum("btn,btn->bn", state.cofactor @ J, J), 0.0) / variances
         rest = np.maximum(1.0 - w * q, SMALLEST)
         # the scale of the others
         free = np.where(first, np.inf, np.maximum(state.redundancy[:, None] - w, SMALLEST))
