@@ -15,9 +15,9 @@ import numpy as np
 from .adjustment import igg3
 from .blocks import BLOCK, pieces
 from .checks import check_one_of, check_positive, finite_array, point_array
+from .orthogonal.cloud import Cloud, DegenerateCloud, a_priori
 from .orthogonal.gauss_helmert import geometric
 from .orthogonal.robust import robust
-from .orthogonal.cloud import Cloud, DegenerateCloud, a_priori
 from .result import Array, Fit, join, warn_if_not_converged
 from .surfaces import cylinder, ellipse, plane, plane_eiv, sphere, sphere_eiv
 

@@ -76,6 +76,14 @@ class Adjustment:
         """One that took no iteration."""
         return cls(x, cofactor, sigma, None, Convergence.closed_form(len(x)))
 
+    def replaced(self, where: np.ndarray, by: Adjustment) -> Adjustment:
+        """This one with other solutions for the clouds (B,) of a mask."""
+        for name in ("x", "cofactor", "sigma", "weights"):
+            getattr(self, name)[where] = getattr(by, name)
+        for name, values in vars(self.convergence).items():
+            values[where] = getattr(by.convergence, name)
+        return self
+
 
 class FittedSurface(NamedTuple):
     """Surfaces as their geometric model describes them, and the derivatives of their parameters."""

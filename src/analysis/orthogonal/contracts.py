@@ -6,7 +6,7 @@ coordinates in the clouds' frames; s numbers x describe a surface, t of its para
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -35,6 +35,10 @@ class GeometricModel(Protocol):
     """dim of the points"""
     degrees: int
     """t, the number of free parameters"""
+
+    def __getitem__(self, keep) -> Self:
+        """The model of some of the clouds of its stack."""
+        return self
 
     def distances(self, x: Array, D: Array) -> Array:
         """Distances (B, K, n) of points (B, n, dim) from K surfaces each, x (B, K, s).
@@ -74,10 +78,6 @@ class ElementalModel(GeometricModel, Protocol):
     """s, the number of numbers x"""
     sample: int
     """number of points that determine a surface"""
-
-    def __getitem__(self, keep) -> ElementalModel:
-        """The model of some of the clouds of its stack."""
-        return self
 
     def minimal_fit(self, samples: Array) -> Array:
         """x (B, S, s) through samples (B, S′, ``sample``, dim), one or more each.

@@ -53,6 +53,7 @@ STEPS = 5  # of Gauss-Newton on the points that the start rests on
 # ν₀ 1/ν₀, 1/ν₀², with which a good point exceeds 2.5 as often as in the end; fitted to simulations
 # of linear models with t = 2, 3, 4, 5, 7 and ν₀ = 3 to 200
 FACTOR = (1.325, -3.790, 1.049, 0.817, 10.766)
+FAR = 0.05  # step, in the frame's unit, after which weights stay
 # Two points may take turns. After so many iterations a weight goes only so much of its way:
 DAMPED = ((240, 0.1), (90, 0.25), (15, 0.5), (0, 1.0))
 
@@ -144,6 +145,8 @@ def _reweigh(function: WeightFunction, z: float, state: _State, weights: Array) 
     share = np.array([next(part for after, part in DAMPED if k >= after) for k in state.count])[
         :, None
     ]
+    # After a long step the residuals say first where the surface is, with the same points.
+    far = (state.step > FAR)[:, None] & ~first
 
     def reweigh(part: slice, squares: Array, J: Array, variances: Array):
         w = state.weights[:, part]
@@ -155,7 +158,8 @@ def _reweigh(function: WeightFunction, z: float, state: _State, weights: Array) 
         scale = others / (state.square[:, None] * np.where(first, 1.0, free))
         scale = np.maximum(scale, ROUNDING**2 / variances)
         u = np.sqrt(squares / (rest * (rest + q)) / scale) * (LEVEL * _reciprocal(free, z))
-        weights[:, part] = w + np.where(first, 1.0, share) * (function.weight(u) - w)
+        step = np.where(first, 1.0, np.where(far, 0.0, share))
+        weights[:, part] = w + step * (function.weight(u) - w)
         return weights[:, part], None
 
     return reweigh

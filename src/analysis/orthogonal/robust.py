@@ -37,7 +37,9 @@ FEW = 50  # redundancy up to which thresholds depend on it
 LARGE = 16_384
 SETTLED = 1e-10  # relative change of the scale
 NEARLY_FOUND = 0.1  # relative change of the scale, up to which a step of Newton is tried
-PATIENCE = 20  # iterations after which steps are plain ones: where weights jump, others may go round
+PATIENCE = (
+    20  # iterations after which steps are plain ones: where weights jump, others may go round
+)
 LONGEST = 2.0  # Gauss-Newton steps, up to which it is trusted
 SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 LEAST_RATE = 0.03  # at which steps are taken to shrink, when the next one is foreseen
@@ -86,8 +88,7 @@ def robust(
     sigma = start.spread / np.sqrt(np.mean(linearised(model, x, few)[2], axis=-1))
     if redundancy <= FEW:
         start = start._replace(spread=sigma)
-        adjusted = judge_few_points(model, points, start, function, max_iterations)
-        return cloud.fit("robust", adjusted)
+        return cloud.fit("robust", _of_few_points(cloud, points, start, function, max_iterations))
     # 2. of a large cloud, a part
     if points.count > LARGE:
         near = m_estimate(model, part, x, sigma, function, max_iterations)
@@ -95,6 +96,26 @@ def robust(
         x, sigma = np.where(found[:, None], near.x, x), np.where(found, near.sigma, sigma)
     # 3. all
     return cloud.fit("robust", m_estimate(model, points, x, sigma, function, max_iterations))
+
+
+def _of_few_points(
+    cloud: SurfaceCloud,
+    points: Observations,
+    start: Start,
+    function: WeightFunction,
+    max_iterations: int,
+) -> Adjustment:
+    """Judged from the start, and where half of so few points determine no surface, from all."""
+    model = cloud.model
+    adjusted = judge_few_points(model, points, start, function, max_iterations)
+    lost = ~adjusted.convergence.converged
+    if not lost.any():
+        return adjusted
+    everything = adjust(model[lost], points[lost], cloud.start()[lost], max_iterations)
+    count = np.full(len(everything.x), points.count)
+    start = Start(everything.x, everything.sigma, count, np.zeros(len(count), dtype=bool))
+    again = judge_few_points(model[lost], points[lost], start, function, max_iterations)
+    return adjusted.replaced(lost, again)
 
 
 def _start(cloud: SurfaceCloud, part: Observations, few: Points, seed: int) -> Start:

@@ -196,7 +196,7 @@ def _best_band(model: ElementalModel, x: Array, D: Array, wide: Array, steps: in
 
     Again and again, as long as that makes it less probable. Determined surfaces come first.
     """
-    n, m = D.shape[1], model.sample
+    m = model.sample
     ordered = sorted_distances(model, x, D)
     least, k = least_log_nfa(ordered, m, wide[:, None])
     width = np.take_along_axis(ordered, k[..., None] - 1, axis=-1)

@@ -46,9 +46,17 @@ class SphereModel(ElementalModel):
         return x
 
     def update(self, x: Array, step: Array) -> Array:
-        """x (…, 4) after a step in the centre and, unless it is fixed, the radius."""
+        """x (…, 4) after a step in the centre and, unless it is fixed, the radius.
+
+        Of a step that would take off more than 0.8 of the radius, so much as does not.
+        """
         new = x.copy()
         new[..., : self.degrees] += step
+        if self.fixed_radius is None:
+            over = new[..., 3] < 0.2 * x[..., 3]
+            if over.any():
+                share = -0.8 * x[over][..., 3:] / step[over][..., 3:]
+                new[over] = x[over] + share * step[over]
         return new
 
     @staticmethod

@@ -1,13 +1,9 @@
 """The start of a robust fit: more than half of clutter, heaps, small targets of known radius."""
 
-from math import comb
-
 import numpy as np
 import pytest
-from scipy.special import gammaln
 
 import analysis
-from analysis.orthogonal.improbability import extent, least_log_nfa
 from analysis.orthogonal.start import _distinct, _samples
 
 SD = 0.001
@@ -102,37 +98,6 @@ def test_too_few_places_are_refused():
 
 
 # ------------------------------------------------------------------------------ parts of it
-
-
-def test_the_improbability_is_the_formula():
-    """L(k) = ln(n − m) + ln C(n, k) + ln C(k, m) + (k − m) ln(δ_k/Δ), over all k of a small n."""
-    rng = np.random.default_rng(6)
-    n, m, size = 30, 4, 2.0
-    d = np.sort(rng.uniform(0, 1, n) ** 3)
-    expected = [
-        np.log(n - m) + np.log(comb(n, k)) + np.log(comb(k, m)) + (k - m) * np.log(d[k - 1] / size)
-        for k in range(m + 1, n + 1)
-    ]
-    least, k = least_log_nfa(d[None], n, m, np.array([size]))
-    np.testing.assert_allclose(least[0], min(expected), rtol=1e-12)
-    assert k[0] == m + 1 + int(np.argmin(expected))
-
-
-def test_chance_alone_is_seldom_called_improbable():
-    """Of even points, exp(−5) surfaces with L < −5 are expected per cloud: 0.7 in 100 clouds."""
-    rng = np.random.default_rng(7)
-    n, m, found = 100, 4, 0
-    d = np.sort(rng.uniform(0, 1, (20_000, n)), axis=-1)
-    least, _ = least_log_nfa(d, n, m, np.ones(len(d)))
-    found = np.mean(least < -5.0)
-    # one band is tested ln C(n, m) times less often than all samples of a cloud are
-    assert found < np.exp(-5.0) / np.exp(gammaln(n + 1) - gammaln(m + 1) - gammaln(n - m + 1)) * 1e6
-
-
-def test_the_extent_is_that_of_half_of_the_points():
-    ring = np.stack([np.cos(np.arange(100.0)), np.sin(np.arange(100.0))], axis=-1)
-    far = np.concatenate([3 * ring, 1000 * ring[:40]])
-    np.testing.assert_allclose(extent(far[None]), 3.0, rtol=0.1)
 
 
 @pytest.mark.parametrize(("n", "m"), [(6, 4), (12, 5), (50, 3), (1000, 5)])
