@@ -18,13 +18,13 @@ class Start(NamedTuple):
     """Surfaces of a stack that a robust adjustment starts from.
 
     x : (B, s); spread : (B,) of the distances, as a standard deviation
-    count : (B,) number of closest points that they rest on
+    number : (B,) of closest points that they rest on
     half : (B,) bool, whether these are the half that least trimmed squares takes
     """
 
     x: Array
     spread: Array
-    count: np.ndarray
+    number: np.ndarray
     half: np.ndarray
 
 

@@ -173,7 +173,7 @@ def _settle_start(model: GeometricModel, points: Points, start: Start):
     """
     n, t = points.D.shape[1], model.degrees
     x, f, J, variances = start.x, *linearised(model, start.x, points)
-    chosen = closest(f, start.count) / np.broadcast_to(variances, f.shape)
+    chosen = closest(f, start.number) / np.broadcast_to(variances, f.shape)
     best, least = x, np.full(len(x), np.inf)
     N = np.full((len(x), t, t), np.nan)
     for turn in range(STEPS + 1):
@@ -185,8 +185,8 @@ def _settle_start(model: GeometricModel, points: Points, start: Start):
         new = model.update(x, -solve(normal, weighed @ f[..., None])[..., 0])
         x = np.where(np.isfinite(new).all(axis=-1, keepdims=True), new, x)
         f, J, _ = linearised(model, x, points)
-    share = np.array([trimmed_variance(count / n) for count in start.count])
-    sigma = np.sqrt(least / np.maximum(start.count - t, 1) / share)
+    share = np.array([trimmed_variance(count / n) for count in start.number])
+    sigma = np.sqrt(least / np.maximum(start.number - t, 1) / share)
     return best, cofactor_from_normal(N), sigma
 
 

@@ -144,7 +144,8 @@ def _half_or_band(model: ElementalModel, D: Array, seed: int) -> tuple[_Candidat
     n, m = D.shape[1], model.sample
     screen, size = D[:, _screen(n, seed)], spread(D)
     everything = model.refit(np.full((1, 1, model.size), np.nan), D, np.ones((1, 1, n)))
-    half, band = _best_half(model, everything, D, size, 20), None
+    half = _best_half(model, everything, D, size, 20)
+    band: _Candidate | None = None
     drawn = 0
     for turn in range(ROUNDS):
         draws = _samples(n, m, seed, turn)
@@ -167,7 +168,7 @@ def _half_or_band(model: ElementalModel, D: Array, seed: int) -> tuple[_Candidat
         missed = drawn * np.log1p(-min(share**m, 1.0 - 1e-12))
         if missed < np.log(MISSED) or drawn >= comb(n, m):
             break
-    if band.speaks:
+    if band is not None and band.speaks:
         return _best_band(model, band.x[None, None], D, wide, 8), False
     return _best_half(model, half.x[None, None], D, size, 20), True
 
@@ -187,7 +188,7 @@ def _best_half(model: ElementalModel, x: Array, D: Array, size: Array, steps: in
     x, ordered, width = x[:, best], ordered[:, best], ordered[:, best, h - 1]
     least, k = least_log_nfa(ordered, model.sample, size)
     determined = _determined(model, x, D, width)[0]
-    sd = trimmed_spread(cost[best], h, n)
+    sd = float(trimmed_spread(cost[best], h, n))
     return _Candidate(x[0], least[0], int(k[0]), width[0], sd, bool(determined))
 
 
@@ -199,7 +200,7 @@ def _best_band(model: ElementalModel, x: Array, D: Array, wide: Array, steps: in
     m = model.sample
     ordered = sorted_distances(model, x, D)
     least, k = least_log_nfa(ordered, m, wide[:, None])
-    width = np.take_along_axis(ordered, k[..., None] - 1, axis=-1)
+    width = _at(ordered, k)
     for _ in range(steps):
         new = model.refit(x, D, (np.abs(model.distances(x, D)) <= width).astype(float))
         ordered = sorted_distances(model, new, D)
@@ -209,8 +210,7 @@ def _best_band(model: ElementalModel, x: Array, D: Array, wide: Array, steps: in
             break
         x = np.where(better[..., None], new, x)
         least, k = np.where(better, now, least), np.where(better, theirs, k)
-        theirs = np.take_along_axis(ordered, theirs[..., None] - 1, axis=-1)
-        width = np.where(better[..., None], theirs, width)
+        width = np.where(better[..., None], _at(ordered, theirs), width)
     many = np.broadcast_to(D, (x.shape[1],) + D.shape[1:])
     determined = _determined(model[np.zeros(x.shape[1], dtype=int)], x[0], many, width[0, :, 0])
     speaks = determined & (least[0] < CHANCE)
@@ -221,6 +221,11 @@ def _best_band(model: ElementalModel, x: Array, D: Array, wide: Array, steps: in
     )
 
 
+def _at(ordered: Array, k: np.ndarray) -> Array:
+    """The k-th (B, K) smallest distance, (B, K, 1)."""
+    return np.take_along_axis(ordered, k[..., None] - 1, axis=-1)
+
+
 def _determined(model: ElementalModel, x: Array, D: Array, width: Array) -> np.ndarray:
     """Whether (B,) the points D (B, n, dim) within ``width`` (B,) of x (B, s) determine it.
 
@@ -229,7 +234,7 @@ def _determined(model: ElementalModel, x: Array, D: Array, width: Array) -> np.n
     """
     lengths, gradients = model.lengths(x)
     if lengths.shape[-1] == 0:
-        return np.isfinite(x).all(axis=-1)
+        return np.asarray(np.isfinite(x).all(axis=-1))
     with np.errstate(all="ignore"):
         f, J = model.linearised(x, D)
         weighed = J * (np.abs(f) <= width[:, None])[:, None, :]
@@ -238,7 +243,7 @@ def _determined(model: ElementalModel, x: Array, D: Array, width: Array) -> np.n
         sd = np.sqrt(np.einsum("bqt,btu,bqu->bq", gradients, cofactor, gradients))
         sd *= 0.5 * width[:, None]
         large = (lengths - step > DETERMINED * sd) & (lengths > 0.5 * DETERMINED * width[:, None])
-        return (large & (lengths < LARGEST)).all(axis=-1)
+        return np.all(large & (lengths < LARGEST), axis=-1)
 
 
 @lru_cache(maxsize=64)
