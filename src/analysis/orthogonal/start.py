@@ -263,11 +263,11 @@ def _samples(n: int, m: int, seed: int, turn: int) -> np.ndarray:
     generator = np.random.default_rng([seed, turn])
     window = max(min(n, 3 * m), n // 8)
     first = generator.integers(n - window + 1, size=(SAMPLES // 2, 1))
-    near = _distinct(generator, window, m, SAMPLES // 2) + first
-    return np.concatenate([_distinct(generator, n, m, SAMPLES - SAMPLES // 2), near])
+    near = draw_distinct(generator, window, m, SAMPLES // 2) + first
+    return np.concatenate([draw_distinct(generator, n, m, SAMPLES - SAMPLES // 2), near])
 
 
-def _distinct(generator: np.random.Generator, n: int, m: int, count: int) -> np.ndarray:
+def draw_distinct(generator: np.random.Generator, n: int, m: int, count: int) -> np.ndarray:
     """(count, m) whole numbers below n, those of a row different."""
     drawn = np.empty((count, m), dtype=int)
     for j in range(m):

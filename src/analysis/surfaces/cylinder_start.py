@@ -19,6 +19,7 @@ import numpy as np
 
 from ..adjustment.linalg import solve
 from ..orthogonal.contracts import GeometricModel, Start
+from ..orthogonal.improbability import spread
 from ..orthogonal.least_trimmed_squares import (
     closest,
     majority,
@@ -26,14 +27,14 @@ from ..orthogonal.least_trimmed_squares import (
     trimmed_spread,
     trimmed_sum,
 )
+from ..orthogonal.start import TIGHT, draw_distinct
 from ..result import Array
 from .ellipse import EllipseModel
 
-# points by which the samples are compared; with 45 % bad ones, chance seldom makes half of them bad
-SCREENED = 500
-# along each trial direction: with 42 % bad points about 20 of them are clean; of 100 two starts in
-# a hundred failed
-SAMPLES = 300
+# Samples along each trial direction, and points by which they are compared: as many as find most
+# clouds, and where the half found does not lie close to its cylinder, so many that with 45 % bad
+# points chance seldom makes half of them bad (of 100 samples two starts in a hundred failed).
+EFFORTS = ((60, 160), (300, 500))
 CANDIDATES = 12  # directions that are looked at again, and cylinders that are followed to the end
 KEPT = 6  # of the samples along each of these directions, those that are followed
 
@@ -48,7 +49,7 @@ def fit_majority(model: GeometricModel, D: Array, axis: Array | None, seed: int 
     h = D.shape[1] if seed is None else majority(D.shape[1], model)
     return Start(
         np.stack([x for x, _ in found]),
-        np.array([spread for _, spread in found]),
+        np.array([sd for _, sd in found]),
         np.full(len(D), h),
         np.ones(len(D), dtype=bool),
     )
@@ -59,22 +60,36 @@ def _fit_majority(
 ) -> tuple[Array, Array]:
     generator = np.random.default_rng(0 if seed is None else seed)
     D = D[generator.permutation(len(D))]
-    few = D[:SCREENED]
     directions = trial_directions(D) if axis is None else axis[None]
-    draws, h, h_few = None, len(D), len(few)
-    if seed is not None:
-        draws = np.argsort(generator.uniform(size=(SAMPLES, len(few))), axis=-1)[:, :5]
-        h, h_few = majority(len(D), model), majority(len(few), model)
-    for kept in (1 if axis is None else KEPT, KEPT):
+    h = len(D) if seed is None else majority(len(D), model)
+    best, least = np.empty(0), np.inf
+    for samples, screened in EFFORTS[-1:] if seed is None else EFFORTS:
+        few, draws = D[:screened], None
+        if seed is not None:
+            draws = draw_distinct(generator, len(few), 5, samples)
+        x = _search(model, few, directions, draws, axis is None)
+        x, cost = concentrate(model, x, D, h, 40)
+        if np.min(cost) < least:
+            best, least = x[np.argmin(cost)], np.min(cost)
+        sd = trimmed_spread(least, h, len(D))
+        if sd <= TIGHT * spread(D):
+            break
+    return best, sd
+
+
+def _search(
+    model: GeometricModel, D: Array, directions: Array, draws: np.ndarray | None, anywhere: bool
+) -> Array:
+    """The best cylinders x (K, 15) of points (n, 3) along trial directions and ones near them."""
+    h = len(D) if draws is None else majority(len(D), model)
+    for kept in (1 if anywhere else KEPT, KEPT):
         x = np.concatenate(
-            [_along(few, frame, draws, h_few, kept) for frame in _frames_along(directions)]
+            [_along(D, frame, draws, h, kept) for frame in _frames_along(directions)]
         )
-        x, cost = concentrate(model, x, few, h_few, 6)
+        x, cost = concentrate(model, x, D, h, 6)
         x = x[np.argsort(cost)[:CANDIDATES]]
         directions = x[:, 9:12]
-    x, cost = concentrate(model, x, D, h, 40)
-    best = np.argmin(cost)
-    return x[best], trimmed_spread(cost[best], h, len(D))
+    return x
 
 
 # ---------------------------------------------------------------------------- directions

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import analysis
-from analysis.orthogonal.start import _distinct, _samples
+from analysis.orthogonal.start import _samples, draw_distinct
 
 SD = 0.001
 
@@ -110,6 +110,6 @@ def test_samples_are_of_different_points_and_reach_all(n, m):
 
 
 def test_distinct_numbers_are_uniform():
-    drawn = _distinct(np.random.default_rng(8), 7, 3, 20_000)
+    drawn = draw_distinct(np.random.default_rng(8), 7, 3, 20_000)
     counts = np.bincount(drawn.ravel(), minlength=7) / drawn.size
     np.testing.assert_allclose(counts, 1 / 7, atol=0.005)
