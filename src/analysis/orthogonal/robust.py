@@ -29,6 +29,7 @@ from .contracts import GeometricModel, Start, SurfaceCloud
 from .few_points import FEWEST, judge_few_points
 from .gauss_helmert import STALLED, TOLERANCE, Sums, adjust, linearised, sum_up
 from .observations import Observations, Points
+from .second_order import without_bias
 
 SUBSET = 1000  # points the start looks at
 FEW = 50  # redundancy up to which thresholds depend on it
@@ -53,6 +54,7 @@ def robust(
     weight_function: WeightFunction | str | None = None,
     k0: float | None = None,
     k1: float | None = None,
+    bias_correction: bool = True,
     max_iterations: int = 1000,
 ) -> Fit:
     """High-breakdown orthogonal distance fit: what to use on real scans.
@@ -70,32 +72,42 @@ def robust(
         from ``WEIGHT_FUNCTIONS`` for one with its defaults; None for IGG III with k0 and k1. One
         that rejects no point (Huber) gives up the high breakdown of the start.
     k0, k1 : thresholds of IGG III; the defaults 2.5 and 4 are 98 % efficient at the normal law
+    bias_correction : as for :func:`~analysis.orthogonal.gauss_helmert.geometric`
 
     Source: Rousseeuw & Van Driessen 2006, Stewart 1995 (start); Yang, Song & Xu 2002 (IGG III);
     Huber 1981, section 7.6 (covariance).
     """
     function = _weight_function(weight_function, k0, k1)
     check_whole_number(max_iterations, "max_iterations")
+    if cloud.count - cloud.model.degrees < FEWEST:
+        adjusted = adjust(cloud.model, cloud.observations(), cloud.start(), max_iterations)
+    else:
+        adjusted = _robust(cloud, seed, function, max_iterations)
+    if bias_correction:
+        adjusted = without_bias(cloud, adjusted)
+    return cloud.fit("robust", adjusted)
+
+
+def _robust(
+    cloud: SurfaceCloud, seed: int, function: WeightFunction, max_iterations: int
+) -> Adjustment:
     model, points = cloud.model, cloud.observations()
-    redundancy = points.count - model.degrees
-    if redundancy < FEWEST:
-        return cloud.fit("robust", adjust(model, points, cloud.start(), max_iterations))
     # 1. a surface near most of some points
     part = points.subsample(LARGE, seed)
     few = part.subsample(SUBSET, seed).all()
     start = _start(cloud, part, few, seed)
     x = start.x
     sigma = start.spread / np.sqrt(np.mean(linearised(model, x, few)[2], axis=-1))
-    if redundancy <= FEW:
+    if points.count - model.degrees <= FEW:
         start = start._replace(spread=sigma)
-        return cloud.fit("robust", _of_few_points(cloud, points, start, function, max_iterations))
+        return _of_few_points(cloud, points, start, function, max_iterations)
     # 2. of a large cloud, a part
     if points.count > LARGE:
         near = m_estimate(model, part, x, sigma, function, max_iterations)
         found = near.convergence.converged
         x, sigma = np.where(found[:, None], near.x, x), np.where(found, near.sigma, sigma)
     # 3. all
-    return cloud.fit("robust", m_estimate(model, points, x, sigma, function, max_iterations))
+    return m_estimate(model, points, x, sigma, function, max_iterations)
 
 
 def _of_few_points(
