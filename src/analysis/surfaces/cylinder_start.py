@@ -62,19 +62,19 @@ def _fit_majority(
     D = D[generator.permutation(len(D))]
     directions = trial_directions(D) if axis is None else axis[None]
     h = len(D) if seed is None else majority(len(D), model)
-    best, least = np.empty(0), np.inf
+    found, costs = [], []
     for samples, screened in EFFORTS[-1:] if seed is None else EFFORTS:
         few, draws = D[:screened], None
         if seed is not None:
             draws = draw_distinct(generator, len(few), 5, samples)
         x = _search(model, few, directions, draws, axis is None)
         x, cost = concentrate(model, x, D, h, 40)
-        if np.min(cost) < least:
-            best, least = x[np.argmin(cost)], np.min(cost)
-        sd = trimmed_spread(least, h, len(D))
-        if sd <= TIGHT * spread(D):
+        found.append(x[np.argmin(cost)])
+        costs.append(np.min(cost))
+        if trimmed_spread(costs[-1], h, len(D)) <= TIGHT * spread(D):
             break
-    return best, sd
+    best = int(np.argmin(costs))
+    return found[best], trimmed_spread(costs[best], h, len(D))
 
 
 def _search(
