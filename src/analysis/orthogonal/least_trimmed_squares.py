@@ -19,14 +19,20 @@ def majority(n: int, model: GeometricModel) -> int:
     return (n + model.degrees + 1) // 2
 
 
-def sorted_distances(model: GeometricModel, x: Array, D: Array, dtype=np.float64) -> Array:
-    """Ascending |d| (B, K, n) of points D (B, n, dim) from x (B, K, s); infinite without surface.
+def absolute_distances(model: GeometricModel, x: Array, D: Array, dtype=np.float64) -> Array:
+    """|d| (B, K, n) of points D (B, n, dim) from x (B, K, s); infinite without surface.
 
     The distances of first order, in single precision where that is enough to rank surfaces.
     """
     d = model.distances(x, D).astype(dtype, copy=False)
     np.abs(d, out=d)
     d[np.isnan(d)] = np.inf
+    return d
+
+
+def sorted_distances(model: GeometricModel, x: Array, D: Array, dtype=np.float64) -> Array:
+    """:func:`absolute_distances` in ascending order."""
+    d = absolute_distances(model, x, D, dtype)
     d.sort(axis=-1)
     return d
 
@@ -38,7 +44,7 @@ def trimmed_sum(distances: Array, h: int) -> Array:
         return np.einsum("...h,...h->...", least, least)
 
 
-def trimmed_spread(total: Array, h: int, n: int) -> Array:
+def trimmed_spread(total, h: int, n: int):
     """Standard deviation of n distances from the sum of their h smallest squares."""
     return np.sqrt(total / h / trimmed_variance(h / n))
 
@@ -60,19 +66,20 @@ def concentrate(
     A step is taken where it lessens the trimmed sum, which an algebraic fit need not. Returns the
     surfaces and their |d| (B, K, n) in ascending order.
     """
-    ordered = sorted_distances(model, x, D)
+    d = absolute_distances(model, x, D)
+    ordered = np.sort(d, axis=-1)
     cost = trimmed_sum(ordered, h)
     for _ in range(steps):
-        closest = np.abs(model.distances(x, D)) <= ordered[..., h - 1 : h]
-        new = model.refit(x, D, closest.astype(float))
-        theirs = sorted_distances(model, new, D)
-        now = trimmed_sum(theirs, h)
+        new = model.refit(x, D, (d <= ordered[..., h - 1 : h]).astype(float))
+        theirs = absolute_distances(model, new, D)
+        in_order = np.sort(theirs, axis=-1)
+        now = trimmed_sum(in_order, h)
         better = now < cost
         if not better.any():
             break
-        x = np.where(better[..., None], new, x)
-        ordered = np.where(better[..., None], theirs, ordered)
-        cost = np.where(better, now, cost)
+        cost, better = np.where(better, now, cost), better[..., None]
+        x, d = np.where(better, new, x), np.where(better, theirs, d)
+        ordered = np.where(better, in_order, ordered)
     return x, ordered
 
 

@@ -32,6 +32,7 @@ from ..result import Array
 from .contracts import ElementalModel, Start
 from .improbability import least_log_nfa, spread
 from .least_trimmed_squares import (
+    absolute_distances,
     concentrate,
     majority,
     sorted_distances,
@@ -198,19 +199,22 @@ def _best_band(model: ElementalModel, x: Array, D: Array, wide: Array, steps: in
     Again and again, as long as that makes it less probable. Determined surfaces come first.
     """
     m = model.sample
-    ordered = sorted_distances(model, x, D)
+    d = absolute_distances(model, x, D)
+    ordered = np.sort(d, axis=-1)
     least, k = least_log_nfa(ordered, m, wide[:, None])
     width = _at(ordered, k)
     for _ in range(steps):
-        new = model.refit(x, D, (np.abs(model.distances(x, D)) <= width).astype(float))
-        ordered = sorted_distances(model, new, D)
-        now, theirs = least_log_nfa(ordered, m, wide[:, None])
+        new = model.refit(x, D, (d <= width).astype(float))
+        theirs = absolute_distances(model, new, D)
+        ordered = np.sort(theirs, axis=-1)
+        now, number = least_log_nfa(ordered, m, wide[:, None])
         better = now < least
         if not better.any():
             break
-        x = np.where(better[..., None], new, x)
-        least, k = np.where(better, now, least), np.where(better, theirs, k)
-        width = np.where(better[..., None], _at(ordered, theirs), width)
+        least, k = np.where(better, now, least), np.where(better, number, k)
+        better = better[..., None]
+        x, d = np.where(better, new, x), np.where(better, theirs, d)
+        width = np.where(better, _at(ordered, number), width)
     many = np.broadcast_to(D, (x.shape[1],) + D.shape[1:])
     determined = _determined(model[np.zeros(x.shape[1], dtype=int)], x[0], many, width[0, :, 0])
     speaks = determined & (least[0] < CHANCE)
