@@ -181,7 +181,7 @@ def fit_sphere(
                        cumulative=True, unit_weight=1, k0=1.5, k1=2.5, start="Q_Y" (or "P_Y"),
                        tolerance=1e-6, max_iterations=1000, history=False
         ``eiv``        max_iterations=100
-        ``geometric``  bias_correction=True (or False, for the plain minimum), max_iterations=100
+        ``geometric``  bias_correction=False (or True), max_iterations=100
         ``robust``     weight_function=None (or a name from ``WEIGHT_FUNCTIONS`` or an instance),
                        k0=2.5, k1=4 (of IGG III, in its place), bias_correction=True,
                        max_iterations=1000

@@ -68,8 +68,8 @@ def test_bias_of_the_known_methods(biases):
     whole = biases.loc[180, 2]
     # σ²/r, and of a finite number of points a few percent of it more.
     of_plain = 1e3 * 0.002**2 / RADIUS
-    assert whole.loc[bias.PLAIN, "radius_mm"] == pytest.approx(of_plain, rel=0.1)
-    for variant in ("geometric", "robust"):
+    assert whole.loc["geometric", "radius_mm"] == pytest.approx(of_plain, rel=0.1)
+    for variant in (bias.CORRECTED, "robust"):
         assert abs(whole.loc[variant, "radius_mm"]) < 0.1 * of_plain
 
 

@@ -31,7 +31,7 @@ STALLED = 1e-9  # a step below this that no longer shrinks is rounding
 
 
 def geometric(
-    cloud: SurfaceCloud, *, bias_correction: bool = True, max_iterations: int = 100
+    cloud: SurfaceCloud, *, bias_correction: bool = False, max_iterations: int = 100
 ) -> Fit:
     """Weighted orthogonal distance fit ``min Σ eᵀQ⁻¹e`` over the errors e of the points.
 
@@ -43,7 +43,7 @@ def geometric(
     ----------
     bias_correction : take off the bias of second order that noise leaves in the parameters (for a
         sphere with equal cofactors σ̂0²/r of the radius): :mod:`~analysis.orthogonal.second_order`.
-        False gives the plain minimum.
+        The minimum itself, which is the definition of this fit, keeps it.
 
     Source: Pope 1972; Neitzel 2010.
     """

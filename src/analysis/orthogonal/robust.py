@@ -72,7 +72,8 @@ def robust(
         from ``WEIGHT_FUNCTIONS`` for one with its defaults; None for IGG III with k0 and k1. One
         that rejects no point (Huber) gives up the high breakdown of the start.
     k0, k1 : thresholds of IGG III; the defaults 2.5 and 4 are 98 % efficient at the normal law
-    bias_correction : as for :func:`~analysis.orthogonal.gauss_helmert.geometric`
+    bias_correction : take off the bias of second order that noise leaves in the parameters, and
+        count what is not known of it: :mod:`~analysis.orthogonal.second_order`
 
     Source: Rousseeuw & Van Driessen 2006, Stewart 1995 (start); Yang, Song & Xu 2002 (IGG III);
     Huber 1981, section 7.6 (covariance).

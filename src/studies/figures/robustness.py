@@ -10,7 +10,7 @@ from analysis.export.figures import GREY, TRUTH, headed, new
 from analysis.methods import SPHERE_METHODS
 
 from ..publish import publish
-from ..robustness.bias import CENTROID, PLAIN
+from ..robustness.bias import CENTROID, CORRECTED
 from ..robustness.breakdown import GOOD_POINTS, PATTERNS
 from ..robustness.redraws import share_interval
 
@@ -30,8 +30,8 @@ VARIANTS = {
     "igg3_wtls, not cumulative": ("^", 5.5, "--", False, "IGG III-WTLS, not cumulative"),
     "igg3_wtls, not cumulative, MAD": ("<", 5.5, ":", True, "IGG III-WTLS, not cumulative, MAD"),
     "eiv": ("P", 6.5, "-", True, LABELS["eiv"]),
-    PLAIN: ("X", 9, "--", False, "orthogonal distance, plain"),
-    "geometric": ("X", 6.5, "-", True, LABELS["geometric"]),
+    "geometric": ("X", 9, "-", True, LABELS["geometric"]),
+    CORRECTED: ("X", 6.5, "--", False, "orthogonal distance, corrected"),
     "robust": ("h", 4.5, "-", True, "robust"),
     "robust, k0 = 1.5, k1 = 2.5": ("h", 5.5, "-", False, "robust, k0 = 1.5, k1 = 2.5 (printed)"),
     "robust, k0 = 2.5, k1 = 5": ("h", 5.5, "-", False, "robust, k0 = 2.5, k1 = 5"),

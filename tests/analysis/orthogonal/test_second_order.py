@@ -122,7 +122,7 @@ def test_curvature_is_the_derivative_of_the_normals(surface):
 def test_of_equally_precise_points_it_is_sigma_squared_over_r(method):
     points = noisy("sphere", "none", (80,), 0.01, 2)[0][0]
     plain = analysis.fit_sphere(points, method, bias_correction=False)
-    ours = analysis.fit_sphere(points, method)
+    ours = analysis.fit_sphere(points, method, bias_correction=True)
     bias = plain.sigma_0**2 / plain.radius
     np.testing.assert_allclose(ours.center, plain.center, rtol=0, atol=1e-12)
     np.testing.assert_allclose(ours.radius, plain.radius - bias, rtol=1e-12)
@@ -151,7 +151,7 @@ def test_variances_that_are_known_are_taken_as_they_are():
     points = noisy("sphere", "none", (80,), 0.01, 4)[0][0]
     known = {"cofactors": np.full(80, 0.02**2), "absolute": True}
     plain = analysis.fit_sphere(points, "geometric", bias_correction=False, **known)
-    ours = analysis.fit_sphere(points, "geometric", **known)
+    ours = analysis.fit_sphere(points, "geometric", bias_correction=True, **known)
     np.testing.assert_allclose(ours.radius, plain.radius - 0.02**2 / plain.radius, rtol=1e-12)
     np.testing.assert_array_equal(ours.covariance, plain.covariance)
 
