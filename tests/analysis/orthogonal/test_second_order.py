@@ -246,7 +246,8 @@ def test_without_redundancy_nothing_is_taken_off():
     )
     np.testing.assert_array_equal(ours.parameters, plain.parameters)
     np.testing.assert_array_equal(ours.cofactor, plain.cofactor)
-    known = analysis.fit_sphere(points, "geometric", cofactors=np.full(4, 1e-4), absolute=True)
+    given = {"cofactors": np.full(4, 1e-4), "absolute": True}
+    known = analysis.fit_sphere(points, "geometric", bias_correction=True, **given)
     assert known.radius == pytest.approx(plain.radius - 1e-4 / plain.radius, rel=1e-9)
 
 
