@@ -155,13 +155,16 @@ class Axis:
 
     def polar(self, points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Local y of the foot points, radii (m) and angles (rad, + right) of points (n, 3)."""
-        points = self.to_local(points)
-        y = self._feet(points)
-        (x, z), slope, _ = self.local_curve(y)
-        right, up, _ = self._local_frame(slope)
-        offset = points - np.stack([x, y, z], axis=-1)
-        u, v = np.einsum("ni,ni->n", offset, right), np.einsum("ni,ni->n", offset, up)
-        return y, np.hypot(u, v), np.arctan2(u, v)
+        y, radius, angle = (np.empty(len(points)) for _ in range(3))
+        for piece in pieces(len(points)):
+            local = self.to_local(points[piece])
+            y[piece] = self._feet(local)
+            (x, z), slope, _ = self.local_curve(y[piece])
+            right, up, _ = self._local_frame(slope)
+            offset = local - np.stack([x, y[piece], z], axis=-1)
+            u, v = np.einsum("ni,ni->n", offset, right), np.einsum("ni,ni->n", offset, up)
+            radius[piece], angle[piece] = np.hypot(u, v), np.arctan2(u, v)
+        return y, radius, angle
 
     def _feet(self, points: np.ndarray) -> np.ndarray:
         x, y_P, z = points.T
@@ -276,8 +279,7 @@ def local_frame(points) -> tuple[np.ndarray, np.ndarray]:
     if not length > 1.5 * max(width, height):
         raise ValueError(
             "points: expected a tunnel at least 1.5 times as long as wide and high, with Z up, in "
-            "m; "
-            f"got {length:.4g} long, {width:.4g} wide and {height:.4g} high"
+            f"m; got {length:.4g} long, {width:.4g} wide and {height:.4g} high"
         )
     return middle, rotation
 
@@ -288,8 +290,9 @@ def _rotation(direction: np.ndarray) -> np.ndarray:
     return np.array([[n, -e, 0.0], [e, n, 0.0], [0.0, 0.0, 1.0]])
 
 
-def tunnel_points(points) -> np.ndarray:
-    points = point_array(points, 3, 100, "a tunnel axis")
+def tunnel_points(points, needed_for: str = "a tunnel axis", minimum: int = 100) -> np.ndarray:
+    """One cloud (n, 3) of at least ``minimum`` points, or a ``ValueError`` that says what came."""
+    points = point_array(points, 3, minimum, needed_for)
     if points.ndim != 2:
         raise ValueError(f"points: expected one cloud of shape (n, 3), got {points.shape}")
     return points

@@ -130,8 +130,7 @@ def _slab_centers(
     Also the local y at which the points of the first of these slabs begin and those of the last one
     end.
     """
-    polar = [axis.polar(points[piece]) for piece in pieces(len(points))]
-    y, rho, alpha = (np.concatenate(parts) for parts in zip(*polar, strict=True))
+    y, rho, alpha = axis.polar(points)
     of = np.floor(y / slab).astype(np.int64)
     slabs, of = np.unique(of, return_inverse=True)
     cell = np.minimum(((alpha / (2.0 * np.pi) + 0.5) * CELLS).astype(np.int64), CELLS - 1)

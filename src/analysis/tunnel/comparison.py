@@ -13,17 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from ..blocks import pieces
-from ..checks import check_positive, finite_array, point_array
+from ..checks import check_positive, finite_array
 from ..methods import fit_ellipse
 from ..result import ignore_convergence_warnings
 from ..surfaces.ellipse import EllipseFit
-from .axis import Axis
+from .axis import Axis, tunnel_points
 from .axis_estimation import robust_axis
 from .filter import FilteredLining, filter_lining
 from .outlines import RadialChange, deformation, quantities
@@ -32,6 +31,7 @@ from .radii import FEWEST as FEWEST_RADII
 from .sections import THICKNESS, Section, cut
 from .significance import Significance, classes, differences, flagged, share_beyond, significance
 
+EPOCHS = ("first", "second")
 SPACING = 10.0  # m between sections (Li et al. 2015, section 4.1)
 REGISTRATION_SD = 0.001  # m, of a section's shift between the epochs, in each coordinate
 FEWEST = 50  # points of a section in each epoch for an ellipse
@@ -47,7 +47,22 @@ STEPS = (  # as ``compare`` reports them
     "sections of the second epoch",
     "radii, ellipses and what has changed",
 )
-_QUANTITIES = ("crown settlement", "horizontal convergence")
+UNKNOWN = {  # what a row says of a section of which nothing can be said
+    "beyond_6_mm_percent": np.nan,
+    "flagged": False,
+    "significant_percent": np.nan,
+    "p_motion": np.nan,
+    "p_shape": np.nan,
+    "p_value": np.nan,
+    "changed": False,
+    "largest_change_mm": np.nan,
+    "largest_change_sd_mm": np.nan,
+    "at_deg": np.nan,
+    "crown_settlement_mm": np.nan,
+    "crown_settlement_sd_mm": np.nan,
+    "horizontal_convergence_mm": np.nan,
+    "horizontal_convergence_sd_mm": np.nan,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +99,6 @@ class ComparedSection:
         return differences(*self.radii)
 
     @property
-    def classes(self) -> np.ndarray:
-        """(J,) class of the difference in each direction: black, blue, red or gap."""
-        return classes(self.difference)
-
-    @property
     def converged(self) -> bool:
         """Whether every ellipse that was fitted has converged."""
         return self.ellipses is None or all(bool(ellipse.converged) for ellipse in self.ellipses)
@@ -100,65 +110,46 @@ class ComparedSection:
             "chainage_m": self.chainage,
             "points_1": self.sections[0].count,
             "points_2": self.sections[1].count,
-        }
-        row |= {
             "seen_percent": 100.0 * float(np.mean(seen)),
-            "beyond_6_mm_percent": np.nan,
-            "flagged": False,
+            **UNKNOWN,
+            "note": self.note,
         }
-        row |= {
-            "significant_percent": np.nan,
-            "p_motion": np.nan,
-            "p_shape": np.nan,
-            "p_value": np.nan,
-            "changed": False,
-        }
-        if self.significance is not None:
-            delta = self.significance.delta
-            row["beyond_6_mm_percent"], row["flagged"] = 100.0 * share_beyond(delta), flagged(delta)
-            row["significant_percent"] = 100.0 * float(np.mean(self.significance.significant[seen]))
-            row |= {
-                name: getattr(self.significance, name)
-                for name in ("p_motion", "p_shape", "p_value", "changed")
-            }
-        row |= dict.fromkeys(("largest_change_mm", "largest_change_sd_mm", "at_deg"), np.nan)
-        row |= {
-            f"{name.replace(' ', '_')}_{end}": np.nan
-            for name in _QUANTITIES
-            for end in ("mm", "sd_mm")
-        }
+        if (found := self.significance) is not None:
+            row["beyond_6_mm_percent"] = 100.0 * share_beyond(found.delta)
+            row["flagged"] = flagged(found.delta)
+            row["significant_percent"] = 100.0 * float(np.mean(found.significant[seen]))
+            for name in ("p_motion", "p_shape", "p_value", "changed"):
+                row[name] = getattr(found, name)
         if self.change is not None and self.ellipses is not None:
             # Where nothing is seen the ellipses differ, too, but nobody has measured that.
             largest = int(np.nanargmax(np.where(seen, np.abs(self.change.difference), np.nan)))
             row["largest_change_mm"] = 1e3 * float(self.change.difference[largest])
             row["largest_change_sd_mm"] = 1e3 * float(self.change.standard_deviations[largest])
             row["at_deg"] = float(np.degrees(self.change.angles[largest]))
-            found = quantities(
+            read_off = quantities(
                 *self.ellipses, pole=np.zeros(2), registration=self.registration
             ).set_index("quantity")
-            for name in _QUANTITIES:
+            for name in ("crown settlement", "horizontal convergence"):
                 column = name.replace(" ", "_")
-                row[f"{column}_mm"], row[f"{column}_sd_mm"] = found.loc[
-                    name, ["value", "standard_deviation"]
-                ].astype(float)
-        return row | {"note": self.note}
+                row[f"{column}_mm"] = float(read_off["value"][name])
+                row[f"{column}_sd_mm"] = float(read_off["standard_deviation"][name])
+        return row
 
     def by_direction(self) -> pd.DataFrame:
         """The section's rows of :meth:`EpochComparison.by_direction`."""
-        frame = pd.DataFrame(
+        found, change = self.significance, self.change
+        return pd.DataFrame(
             {
                 "chainage_m": self.chainage,
                 "angle_deg": np.degrees(self.radii[0].directions),
-                "class": self.classes,
+                "class": classes(self.difference),
+                "difference_mm": 1e3 * self.difference,
+                "detectable_mm": np.nan if found is None else 1e3 * found.limit,
+                "significant": False if found is None else found.significant,
+                "ellipse_difference_mm": np.nan if change is None else 1e3 * change.difference,
+                "ellipse_sd_mm": np.nan if change is None else 1e3 * change.standard_deviations,
             }
         )
-        frame["difference_mm"] = 1e3 * self.difference
-        found, change = self.significance, self.change
-        frame["detectable_mm"] = np.nan if found is None else 1e3 * found.limit
-        frame["significant"] = False if found is None else found.significant
-        frame["ellipse_difference_mm"] = np.nan if change is None else 1e3 * change.difference
-        frame["ellipse_sd_mm"] = np.nan if change is None else 1e3 * change.standard_deviations
-        return frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,10 +255,10 @@ def compare(
            [10., 20.]])
     """
     spacing, thickness = check_positive(spacing, "spacing"), check_positive(thickness, "thickness")
-    epochs = []
-    for name, points in (("first", first), ("second", second)):
+    epochs, linings, cuts = [], [], []
+    for name, points in zip(EPOCHS, (first, second), strict=True):
         with _blamed(name):
-            epochs.append(_epoch(points))
+            epochs.append(tunnel_points(points, "a tunnel"))
     if axis is None:
         report(STEPS[0])
         with _blamed("first"):
@@ -277,16 +268,14 @@ def compare(
         chainages = np.arange(start, stop, spacing)
     chainages = np.atleast_1d(finite_array(chainages, "chainages"))
     registrations = _registrations(registration, len(chainages))
-    linings, cuts = [], []
-    for name, points in zip(("first", "second"), epochs, strict=True):
+    for name, points in zip(EPOCHS, epochs, strict=True):
         report(f"lining of the {name} epoch")
         with _blamed(name):
             linings.append(filter_lining(points, axis))
-    for name, points, lining in zip(("first", "second"), epochs, linings, strict=True):
+    for name, points, filtered in zip(EPOCHS, epochs, linings, strict=True):
         report(f"sections of the {name} epoch")
-        cuts.append(
-            [_only(section, lining.lining) for section in cut(points, axis, chainages, thickness)]
-        )
+        found, keep = cut(points, axis, chainages, thickness), filtered.lining
+        cuts.append([section.only(keep[section.index]) for section in found])
     report(STEPS[-1])
     sections = tuple(_compared(*pair) for pair in zip(*cuts, registrations, strict=True))
     return EpochComparison(axis, (linings[0], linings[1]), sections)
@@ -295,46 +284,35 @@ def compare(
 # ---------------------------------------------------------------------------------- a section
 
 
-def _only(section: Section, keep: np.ndarray) -> Section:
-    """The section with those of its points for which ``keep`` (of all points) is true."""
-    kept = keep[section.index]
-    return replace(
-        section, **{name: getattr(section, name)[kept] for name in ("index", "u", "v", "w")}
-    )
-
-
 def _compared(first: Section, second: Section, registration: np.ndarray) -> ComparedSection:
+    pair = (first, second)
     before, after = (
-        local_radii(section) if section.count >= FEWEST_RADII else _nothing()
-        for section in (first, second)
+        local_radii(section) if section.count >= FEWEST_RADII else _nothing() for section in pair
     )
-    radii = (before, after)
-    seen = ~np.isnan(differences(*radii))
-    found = significance(*radii, registration=registration) if seen.any() else None
+    seen = ~np.isnan(differences(before, after))
+    found = significance(before, after, registration=registration) if seen.any() else None
     ellipses = change = None
-    note = _too_little((first, second), float(seen.mean()))
+    note = _too_little(pair, float(seen.mean()))
     if not note:
-        ellipses, note = _ellipses((first, second))
+        ellipses, note = _ellipses(pair)
     if ellipses is not None and not note:
         change = deformation(
-            *ellipses, pole=np.zeros(2), angles=radii[0].directions, registration=registration
+            *ellipses, pole=np.zeros(2), angles=before.directions, registration=registration
         )
         if not np.isfinite(change.difference[seen]).all():
             change, note = None, "the axis lies outside an ellipse"
-    return ComparedSection((first, second), radii, found, ellipses, change, registration, note)
+    return ComparedSection(pair, (before, after), found, ellipses, change, registration, note)
 
 
 def _too_little(sections: tuple[Section, Section], seen: float) -> str:
     """Reason why ellipses cannot be fitted; empty where they can."""
-    for name, section in zip(("first", "second"), sections, strict=True):
+    for name, section in zip(EPOCHS, sections, strict=True):
         if section.count < FEWEST:
             return f"{section.count} points of lining in the {name} epoch, {FEWEST} are needed"
-    return (
-        ""
-        if seen >= LEAST_SEEN
-        else f"{100 * seen:.0f} % of the directions seen in both epochs, {100 * LEAST_SEEN:.0f} % "
-        "are needed"
-    )
+    if seen < LEAST_SEEN:
+        needed = f"{100 * LEAST_SEEN:.0f} % are needed"
+        return f"{100 * seen:.0f} % of the directions seen in both epochs, {needed}"
+    return ""
 
 
 def _ellipses(
@@ -370,48 +348,34 @@ def _blamed(name: str) -> Iterator[None]:
         raise ValueError(f"{name}: {error}") from error
 
 
-def _epoch(points) -> np.ndarray:
-    points = point_array(points, 3, 100, "a tunnel")
-    if points.ndim != 2:
-        raise ValueError(f"points: expected one cloud of shape (n, 3), got {points.shape}")
-    return points
-
-
 def _overlap(axis: Axis, first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
     """Chainages between which both epochs lie, after a look at whether they are of one tunnel."""
-    (ends_1, distance_1), (ends_2, distance_2) = (
-        _place(axis, points) for points in (first, second)
-    )
+    (ends_1, distance_1), (ends_2, distance_2) = _place(axis, first), _place(axis, second)
     start, stop = np.clip([max(ends_1[0], ends_2[0]), min(ends_1[1], ends_2[1])], 0.0, axis.length)
     if not start < stop:
         raise ValueError(
             "second: expected an epoch in the unit (m) and system of the first that overlaps with "
-            f"it, got {ends_2[0]:.1f} to "
-            f"{ends_2[1]:.1f} m along its axis, beside {ends_1[0]:.1f} to {ends_1[1]:.1f} m"
+            f"it, got {ends_2[0]:.1f} to {ends_2[1]:.1f} m along its axis, beside "
+            f"{ends_1[0]:.1f} to {ends_1[1]:.1f} m"
         )
     if not distance_1 / ALIKE < distance_2 < distance_1 * ALIKE:
         raise ValueError(
             "second: expected an epoch in the unit (m) and system of the first, half of whose "
-            f"points lie within {distance_1:.4g} m of its "
-            f"axis; got {distance_2:.4g} m"
+            f"points lie within {distance_1:.4g} m of its axis; got {distance_2:.4g} m"
         )
     return float(start), float(stop)
 
 
 def _place(axis: Axis, points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Chainages between which all but a thousandth of the points lie to either side, and the median
-    distance of those beside the axis.
+    """Chainages between which nearly all points lie, and their median distance from the axis.
+
+    A thousandth lies beyond either chainage; the distance is that of the points beside the axis.
     """
-    chosen = points[:: max(1, len(points) // LOOKED_AT)]
-    y, radius, _ = (
-        np.concatenate(parts)
-        for parts in zip(*(axis.polar(chosen[piece]) for piece in pieces(len(chosen))), strict=True)
-    )
+    y, radius, _ = axis.polar(points[:: max(1, len(points) // LOOKED_AT)])
     # beyond its ends a straight continuation is no axis of the tunnel
     beside = (y >= axis.y_range[0]) & (y <= axis.y_range[1])
-    return axis.chainage(np.quantile(y, [0.001, 0.999])), float(
-        np.median(radius[beside])
-    ) if beside.any() else np.nan
+    distance = float(np.median(radius[beside])) if beside.any() else np.nan
+    return axis.chainage(np.quantile(y, [0.001, 0.999])), distance
 
 
 def _registrations(registration, count: int) -> np.ndarray:

@@ -19,7 +19,7 @@ residuals is an addition.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from ..checks import check_one_of, check_positive, point_array
 from ..orthogonal.robust import robust
 from ..result import join
 from ..surfaces.cylinder import CylinderCloud, CylinderFit, CylinderModel
+from .axis import Axis
 from .lining_surface import PixelGrid, fitted, median_scale
 
 LINING, INSIDE, OUTSIDE, UNSUPPORTED = 0, -1, 1, 2
@@ -36,15 +37,6 @@ SMALLEST, LARGEST = 0.5, 20.0  # m, radius
 # m, of a segment with a local surface, whose system grows with the cube of the length
 LONGEST = 10.0
 SURFACES = ("local", "cylinder")
-
-
-class TunnelAxis(Protocol):
-    """Axis as the filter needs it, for points (n, 3)."""
-
-    # y of their foot points, radius in m and angle in rad (0 crown, + right) about these, each (n,)
-    def polar(self, points): ...
-
-    def chainage(self, y): ...  # arc length in m at y
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +99,7 @@ class FilteredLining:
 
 def filter_lining(
     points,
-    axis: TunnelAxis,
+    axis: Axis,
     *,
     segment: float = 3.0,
     threshold: float = 3.0,
@@ -120,7 +112,7 @@ def filter_lining(
     Parameters
     ----------
     points : (n, 3) in m. Not changed.
-    axis : of the tunnel, for instance an :class:`analysis.tunnel.axis.Axis`.
+    axis : of the tunnel.
     segment : largest length of a segment, m; with ``surface="cylinder"`` also infinity, for one
         cylinder around all.
     threshold : a point is lining up to this many σ, to either side; σ is 1.4826 times the median of
@@ -158,7 +150,9 @@ def filter_lining(
             f"segment: expected at most {LONGEST:g} m with a local surface, got {segment}"
         )
     threshold, reach = check_positive(threshold, "threshold"), check_positive(reach, "reach")
-    radius, angle, along = _straightened(points, axis)
+    along, radius, angle = axis.polar(points)
+    for piece in pieces(len(points)):
+        along[piece] = axis.chainage(along[piece])
     if not SMALLEST <= (typical := float(np.median(radius))) <= LARGEST:
         raise ValueError(
             f"points: expected a tunnel of {SMALLEST:g} to {LARGEST:g} m radius, in m, got "
@@ -187,17 +181,6 @@ def filter_lining(
             f"{segments[0].stop_reason}"
         )
     return FilteredLining(flags, distances, from_cylinder, number, tuple(segments))
-
-
-def _straightened(
-    points: np.ndarray, axis: TunnelAxis
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Radius, angle and chainage of the points (n, 3)."""
-    radius, angle, along = np.empty((3, len(points)))
-    for piece in pieces(len(points)):
-        y, radius[piece], angle[piece] = axis.polar(points[piece])
-        along[piece] = axis.chainage(y)
-    return radius, angle, along
 
 
 def _edges(along: np.ndarray, segment: float) -> np.ndarray:

@@ -1,7 +1,6 @@
 """Change of a section between two epochs: polar radii compared, with standard deviations.
 
-    Δρ(α) = ρ₂(α) − ρ₁(α),   point (u, v) = pole + ρ (sin α, cos α)                     (Li et al.
-    2015, section 3.4.3)
+    Δρ(α) = ρ₂(α) − ρ₁(α),   point (u, v) = pole + ρ (sin α, cos α)
 
 α is 0 at the crown and positive to the right; u is to the right and v up, in the section's plane.
 Both epochs are seen from one pole. Δρ is a linear function of what was estimated, the outline of
@@ -10,10 +9,10 @@ either epoch and the shift between the epochs' frames:
     var Δρ = g₁ᵀΣ₁g₁ + g₂ᵀΣ₂g₂ + sᵀΣₜs
 
 with g the gradients of the radii and s that of a shift of the second outline. Neighbouring
-directions are strongly correlated; everything derived from Δρ takes that along.
+directions are strongly correlated; everything derived from Δρ takes that along. An outline is an
+ellipse: it does not follow a local dent.
 
-An outline is an ellipse (:class:`~analysis.surfaces.ellipse.EllipseFit`). It does not follow a
-local dent; what it leaves is in the residuals.
+Source: Li et al. (2015), section 3.4.3; the standard deviations are an addition.
 """
 
 from __future__ import annotations
@@ -25,11 +24,18 @@ import pandas as pd
 from scipy.stats import norm
 
 from ..adjustment.linalg import propagate
-from ..checks import check_positive, finite_array
+from ..checks import finite_array
 from ..surfaces.ellipse import EllipseFit
 
 # the track bed hides the rest (Li et al. 2015, section 4.2.2)
 ANGLES = np.deg2rad(np.arange(-135.0, 136.0))
+UNITS = {  # of the quantities of a section
+    "horizontal convergence": "mm",
+    "crown settlement": "mm",
+    "vertical convergence": "mm",
+    "ovality, first": "‰",
+    "ovality, second": "‰",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +67,9 @@ class RadialChange:
 
         Each direction by itself.
         """
-        half = norm.ppf(0.5 + 0.5 * _probability(level, "level")) * self.standard_deviations
+        if not 0 < level < 1:
+            raise ValueError(f"level: expected a probability between 0 and 1, got {level!r}")
+        half = norm.ppf(0.5 + 0.5 * level) * self.standard_deviations
         return self.difference - half, self.difference + half
 
     def combination(self, weights) -> tuple[np.ndarray, np.ndarray]:
@@ -97,30 +105,21 @@ def deformation(
     >>> change = deformation(known(2.7, 2.7), known(2.71, 2.69), **options)
     >>> (1000 * change.difference).round(6), (1000 * change.standard_deviations).round(6)
     (array([-10.,  10.]), array([1., 1.]))
-
-    Source: Li et al. 2015, section 3.4.3.
     """
     angles = finite_array(angles, "angles")
     if angles.ndim != 1:
         raise ValueError(f"angles: expected shape (K,), got {angles.shape}")
-    if pole is None:
-        pole = first.center
     parts = [first.regular_covariance, second.regular_covariance]
-    if parts[0].shape[:-2] != parts[1].shape[:-2]:
-        raise ValueError(
-            f"second: expected outlines of shape {parts[0].shape[:-2]} as the first, got "
-            f"{parts[1].shape[:-2]}"
-        )
-    lead = parts[0].shape[:-2]
-    pole = np.broadcast_to(_of_shape(pole, lead, (2,), "pole"), lead + (2,))
+    lead, other = (part.shape[:-2] for part in parts)
+    if lead != other:
+        raise ValueError(f"second: expected outlines of shape {lead} as the first, got {other}")
+    pole = _of_each(first.center if pole is None else pole, lead, (2,), "pole")
     radii_1, gradient_1, _ = first.polar(angles, pole)
     radii_2, gradient_2, shift = second.polar(angles, pole)
     gradients = [-gradient_1, gradient_2]
     if registration is not None:
         gradients.append(shift)
-        parts.append(
-            np.broadcast_to(_of_shape(registration, lead, (2, 2), "registration"), lead + (2, 2))
-        )
+        parts.append(_of_each(registration, lead, (2, 2), "registration"))
     gradient = np.concatenate(gradients, axis=-1)
     covariance = np.zeros(lead + 2 * gradient.shape[-1:])
     start = 0
@@ -129,9 +128,6 @@ def deformation(
         covariance[..., start:stop, start:stop] = part
         start = stop
     return RadialChange(angles, radii_1, radii_2, radii_2 - radii_1, gradient, covariance)
-
-
-# ------------------------------------------------------------------------ what is read from it
 
 
 def quantities(
@@ -148,33 +144,24 @@ def quantities(
 
     Arguments as for :func:`deformation`. Columns `section`, `quantity`, `value`,
     `standard_deviation`, `unit`, `extrapolated`.
-
-    Source: Li et al. 2015, section 3.4.3.
     """
-    change = deformation(
-        first,
-        second,
-        pole=pole,
-        angles=np.deg2rad([-90.0, 0.0, 90.0, 180.0]),
-        registration=registration,
-    )
-    values, covariance = change.combination([[1, 0, 1, 0], [0, -1, 0, 0], [0, 1, 0, 1]])
+    directions = np.deg2rad([-90.0, 0.0, 90.0, 180.0])
+    change = deformation(first, second, pole=pole, angles=directions, registration=registration)
+    changes, covariance = change.combination([[1, 0, 1, 0], [0, -1, 0, 0], [0, 1, 0, 1]])
     sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    before, after = ovality(first), ovality(second)
-    columns = [
-        ("horizontal convergence", 1000 * values[..., 0], 1000 * sd[..., 0], "mm", False),
-        ("crown settlement", 1000 * values[..., 1], 1000 * sd[..., 1], "mm", False),
-        ("vertical convergence", 1000 * values[..., 2], 1000 * sd[..., 2], "mm", True),
-        ("ovality, first", 1000 * before[0], 1000 * before[1], "‰", False),
-        ("ovality, second", 1000 * after[0], 1000 * after[1], "‰", False),
-    ]
-    rows = [
-        (section, name, np.ravel(value)[section], np.ravel(deviation)[section], unit, extrapolated)
-        for section in range(max(1, int(np.prod(change.difference.shape[:-1]))))
-        for name, value, deviation, unit, extrapolated in columns
-    ]
+    oval, oval_sd = np.stack([ovality(first), ovality(second)], axis=-1)
+    values = np.concatenate([changes, oval], axis=-1)
+    sections = values[..., 0].size
+    names, units = list(UNITS), list(UNITS.values())
     return pd.DataFrame(
-        rows, columns=["section", "quantity", "value", "standard_deviation", "unit", "extrapolated"]
+        {
+            "section": np.repeat(np.arange(sections), len(UNITS)),
+            "quantity": names * sections,
+            "value": 1000 * values.ravel(),
+            "standard_deviation": 1000 * np.concatenate([sd, oval_sd], axis=-1).ravel(),
+            "unit": units * sections,
+            "extrapolated": [name == "vertical convergence" for name in names] * sections,
+        }
     )
 
 
@@ -192,15 +179,9 @@ def ovality(fit: EllipseFit) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def _of_shape(values, lead: tuple[int, ...], shape: tuple[int, ...], name: str) -> np.ndarray:
-    """Finite ``values`` of the given shape or with the leading axes ``lead`` as well."""
+def _of_each(values, lead: tuple[int, ...], shape: tuple[int, ...], name: str) -> np.ndarray:
+    """Finite values of ``shape`` for each section of a stack (lead), or one for all of them."""
     array = finite_array(values, name)
     if array.shape not in (shape, lead + shape):
         raise ValueError(f"{name}: expected shape {shape} or {lead + shape}, got {array.shape}")
-    return array
-
-
-def _probability(value, name: str) -> float:
-    if not 0 < (number := check_positive(value, name)) < 1:
-        raise ValueError(f"{name}: expected a probability between 0 and 1, got {value!r}")
-    return number
+    return np.broadcast_to(array, lead + shape)

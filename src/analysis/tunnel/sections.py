@@ -13,13 +13,13 @@ reconstructed here from its words.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..blocks import pieces
-from ..checks import check_positive, finite_array, point_array
-from .axis import Axis
+from ..checks import check_positive, finite_array
+from .axis import Axis, tunnel_points
 
 THICKNESS = 0.05  # m (Li et al. 2015, section 4.2.2)
 
@@ -52,6 +52,11 @@ class Section:
     def count(self) -> int:
         return len(self.index)
 
+    def only(self, kept: np.ndarray) -> Section:
+        """The section with those of its points for which ``kept`` (n,) is true."""
+        arrays = {name: getattr(self, name)[kept] for name in ("index", "u", "v", "w")}
+        return replace(self, **arrays)
+
     @property
     def rho(self) -> np.ndarray:
         """(n,) distances of the projected points from the axis point, m."""
@@ -83,13 +88,9 @@ def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Sec
     >>> section.index.tolist(), np.degrees(section.alpha).tolist(), section.rho.tolist()
     ([2, 0], [90.0, 0.0], [3.0, 3.0])
     """
-    points = point_array(points, 3, 1, "sections")
-    if points.ndim != 2:
-        raise ValueError(f"points: expected one cloud of shape (n, 3), got {points.shape}")
-    chainages, thickness = (
-        np.atleast_1d(finite_array(chainages, "chainages")),
-        check_positive(thickness, "thickness"),
-    )
+    points = tunnel_points(points, "sections", minimum=1)
+    chainages = np.atleast_1d(finite_array(chainages, "chainages"))
+    thickness = check_positive(thickness, "thickness")
     rounding = 1e-9 * (1.0 + axis.length)
     if (
         chainages.ndim != 1

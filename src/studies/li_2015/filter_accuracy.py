@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from analysis.result import rms
-from analysis.tunnel.filter import INSIDE, FilteredLining, TunnelAxis, filter_lining
+from analysis.tunnel.axis import Axis
+from analysis.tunnel.filter import INSIDE, FilteredLining, filter_lining
 
 from ..simulation.tunnel import Tunnel
 from .epoch_cloud import EpochCloud
@@ -32,11 +33,7 @@ EMPTIED = 0.5  # of its lining points: a cell that has lost more has no deformat
 
 
 def apply_rules(
-    clouds: tuple[EpochCloud, EpochCloud],
-    axis: TunnelAxis,
-    tunnel: Tunnel,
-    start: float,
-    end: float,
+    clouds: tuple[EpochCloud, EpochCloud], axis: Axis, tunnel: Tunnel, start: float, end: float
 ) -> tuple[tuple[EpochCloud, EpochCloud], dict[str, tuple[FilteredLining, FilteredLining]]]:
     """Filter the points of both epochs between two chainages (m) by each of the ``RULES``.
 
