@@ -3,12 +3,6 @@
 Local frame: Z up, Y along the tunnel (horizontal), X = Y × Z to the right when looking along +Y. Li
 et al. (2015) scan with Y along the tunnel, so their frame is the identity; :func:`local_frame`
 finds it for a tunnel of any direction.
-
-References
-----------
-Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point
-clouds; its equations are numbered (1)-(13), but were lost from the text at hand and are
-reconstructed here from its words.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from ..adjustment.weights import ROUNDED_MAD_TO_SD, Bisquare
 from ..blocks import pieces
 from ..checks import check_positive
 from .axis import Axis, local_frame, tunnel_points
-from .group_medians import group_medians
+from .medians import group_medians
 
 # A quadratic departs from a circular arc by about L⁴/(1024 R³): 0.5 mm for 60 m of a 300 m radius,
 # but 3.6 mm and 1.2 mrad for 100 m.

@@ -47,10 +47,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..adjustment.linalg import cofactor_from_normal, solve
-from ..adjustment.weights import EFFICIENT_THRESHOLDS, IGG3, ROUNDED_MAD_TO_SD
+from ..adjustment.weights import EFFICIENT_THRESHOLDS, IGG3
 from ..checks import check_positive, finite_array
 from ..result import ConvergenceWarning
 from .lining_surface import POINTS_THAT_COUNT
+from .medians import median_scale
 from .registration import Station
 from .surface_ties import Ties
 
@@ -172,9 +173,7 @@ def adjust_block(
     x, weights = np.zeros(A.shape[1]), np.ones(len(lining.radii))
     for iterations in range(1, MAX_STEPS + 1):
         u = lining.standardised(x[own].reshape(count, 6), weights)
-        sigma = (
-            max(ROUNDED_MAD_TO_SD * float(np.median(np.abs(u))), SMALLEST_SD) if len(u) else np.nan
-        )
+        sigma = median_scale(u, SMALLEST_SD) if len(u) else np.nan
         weights = (
             sigma / np.maximum(np.abs(u), sigma)
             if iterations <= FIRST_STEPS

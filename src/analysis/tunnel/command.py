@@ -40,8 +40,7 @@ significant
 
 exit status: 0 a result, 1 a result with an axis or ellipse that did not converge, 2 no result"""
 
-# Columns of the table that fit a line: short name -> column, decimals. The columns of standard
-# deviations differ in their blanks.
+# Columns of the table that fit a line: short name -> column, decimals; ± is a standard deviation.
 SHOWN = {
     "chainage/m": ("chainage_m", 2),
     "points 1": ("points_1", 0),
@@ -51,12 +50,12 @@ SHOWN = {
     "flagged": ("flagged", 0),
     "changed": ("changed", 0),
     "largest/mm": ("largest_change_mm", 1),
-    "±": ("largest_change_sd_mm", 1),
+    "±largest/mm": ("largest_change_sd_mm", 1),
     "at/°": ("at_deg", 0),
     "settlement/mm": ("crown_settlement_mm", 1),
-    "± ": ("crown_settlement_sd_mm", 1),
+    "±settlement/mm": ("crown_settlement_sd_mm", 1),
     "convergence/mm": ("horizontal_convergence_mm", 1),
-    "±  ": ("horizontal_convergence_sd_mm", 1),
+    "±convergence/mm": ("horizontal_convergence_sd_mm", 1),
 }
 
 
@@ -76,22 +75,14 @@ def add_to(commands) -> None:
             metavar=f"EPOCH{number}",
             help="scan of the epoch (.xyz .txt .csv .pts .asc, or .las .laz .ply .e57)",
         )
+    shift = "standard deviation in m of a section's shift between the epochs, a coordinate"
     for name, default, text in (
         ("spacing", SPACING, "between sections in m, from where both epochs begin"),
         ("thickness", THICKNESS, "of a section in m; more where the scan is thin"),
-        (
-            "registration",
-            REGISTRATION_SD,
-            "standard deviation in m of a section's shift between the epochs, a coordinate",
-        ),
+        ("registration", REGISTRATION_SD, shift),
     ):
-        command.add_argument(
-            f"--{name}",
-            type=float,
-            metavar="M",
-            default=default,
-            help=f"{text} (default: %(default)g)",
-        )
+        text += " (default: %(default)g)"
+        command.add_argument(f"--{name}", type=float, metavar="M", default=default, help=text)
     command.add_argument(
         "--output",
         metavar="DIR",
@@ -134,10 +125,8 @@ def run(options: argparse.Namespace) -> int:
         try:
             result = compare(*epochs, **values, report=begin)
         except ValueError as error:
-            blamed, _, rest = str(error).partition(": ")
-            raise ValueError(
-                f"{files[blamed]}: {rest}" if blamed in files else str(error)
-            ) from error
+            blamed, colon, rest = str(error).partition(": ")
+            raise ValueError(files.get(blamed, blamed) + colon + rest) from error
         begin("tables and figures")
         written = _write(result, folder)
     if options.json:
@@ -171,42 +160,35 @@ def report(
 ) -> str:
     """The result for a reader: aligned plain text with units; what is not defined is a dash."""
     axis, table = result.axis, result.table()
+    start, end = (" ".join(f"{value:.3f}" for value in axis.position(y)) for y in axis.y_range)
     lines = [
         f"{name} epoch: {file}, {len(lining.flags)} points, {100 * lining.lining.mean():.1f} % of "
         "them lining"
         for (name, file), lining in zip(files.items(), result.linings, strict=True)
     ]
-    ends = (" ".join(f"{value:.3f}" for value in axis.position(y)) for y in axis.y_range)
-    lines.append(
-        "axis of the first epoch: {:.2f} m, from ({}) to ({}); {}".format(
-            axis.length, *ends, axis.stop_reason
-        )
-    )
-    lines.append(
-        f"registration of the second to the first: ± {1e3 * registration:g} mm a coordinate"
-    )
-    table = table.assign(
-        **{name: np.where(table[name], "yes", "-") for name in ("flagged", "changed")}
-    )
     shown = pd.DataFrame({short: table[name] for short, (name, _) in SHOWN.items()})
+    for name in ("flagged", "changed"):
+        shown[name] = np.where(table[name], "yes", "-")
     lines += [
+        f"axis of the first epoch: {axis.length:.2f} m, from ({start}) to ({end}); "
+        f"{axis.stop_reason}",
+        f"registration of the second to the first: ± {1e3 * registration:g} mm a coordinate",
         "",
         tables.text(shown, {short: decimals for short, (_, decimals) in SHOWN.items()}),
         "",
-    ]
-    lines += [f"{row.chainage_m:.2f} m: {row.note}" for row in table.itertuples() if row.note]
-    lines += [
+        *(f"{row.chainage_m:.2f} m: {row.note}" for row in table.itertuples() if row.note),
         MEANING,
         "±: standard deviation, with the registration error in it",
         "",
         f"{written[0]} and figures with their data:",
+        *(f"  {path.with_suffix('')}" for path in written[1:]),
     ]
-    return "\n".join(lines + [f"  {path.with_suffix('')}" for path in written[1:]])
+    return "\n".join(lines)
 
 
 def record(result: EpochComparison, files: dict[str, str], written: list[Path]) -> dict:
     """The result for a program, nothing rounded; null for what is not defined."""
-    rows = [section.row() for section in result.sections]
+    rows = (section.row() for section in result.sections)
     return {
         "files": list(files.values()),
         "points": [len(lining.flags) for lining in result.linings],

@@ -29,7 +29,8 @@ from ..orthogonal.robust import robust
 from ..result import join
 from ..surfaces.cylinder import CylinderCloud, CylinderFit, CylinderModel
 from .axis import Axis
-from .lining_surface import PixelGrid, fitted, median_scale
+from .lining_surface import ROUGHNESS, PixelGrid, fitted
+from .medians import median_scale
 
 LINING, INSIDE, OUTSIDE, UNSUPPORTED = 0, -1, 1, 2
 FEWEST = 100  # points in a segment
@@ -214,7 +215,7 @@ def _segment(
         e = d - np.concatenate(
             [grid.interpolated(residual, alpha[piece], w[piece]) for piece in pieces(len(d))]
         )
-    sigma = median_scale(e[near])
+    sigma = median_scale(e[near], ROUGHNESS)
     middle = fit.point + (0.5 * (start + end) - fit.point[1]) / fit.direction[1] * fit.direction
     return (
         Segment(

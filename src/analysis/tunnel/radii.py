@@ -5,10 +5,7 @@ the one point nearest in angle. :func:`local_radii` adjusts a quadratic to all p
 direction and says how precise it is. Neither extrapolates: where the points do not lie on both
 sides of a direction there is a gap.
 
-References
-----------
-Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point
-clouds, section on change detection.
+Source: Li et al. (2015), section on change detection, for the first; the second is an addition.
 """
 
 from __future__ import annotations
@@ -18,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..adjustment.linalg import solve
-from ..adjustment.weights import ROUNDED_MAD_TO_SD, Bisquare
+from ..adjustment.weights import Bisquare
 from ..checks import check_positive, finite_array
+from .medians import median_scale
 from .sections import Section
 
 STEP = np.radians(1.0)  # between directions; not printed
@@ -75,8 +73,6 @@ def equal_angles(section: Section, directions=DIRECTIONS, step: float = STEP) ->
 
     Returns :class:`Radii` with arrays (3, J); the standard deviation of a single point is not
     known.
-
-    Source: Li et al. (2015), section on change detection.
     """
     directions, step = _directions(directions), check_positive(step, "step")
     _require_points(section)
@@ -319,9 +315,4 @@ def _common_scale(local: _Local, residuals: np.ndarray) -> float:
     counts = local.sums(np.ones_like(size)).astype(np.int64)
     rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
     size = size[order][rank >= COEFFICIENTS]
-    size = size[np.isfinite(size)]
-    return (
-        max(ROUNDED_MAD_TO_SD * float(np.median(size)), SMALLEST_SCALE)
-        if size.size
-        else SMALLEST_SCALE
-    )
+    return median_scale(size[np.isfinite(size)], SMALLEST_SCALE)

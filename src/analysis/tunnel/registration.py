@@ -7,16 +7,17 @@ the targets decides. Frame of the tunnel (Li et al. 2015): y along it, z up, x t
 
 References
 ----------
-Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel sections from laser scans.
 Winiwarter, Anders & Höfle (2021), ISPRS Journal of Photogrammetry and Remote Sensing 178, 240-258.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.distance import pdist
 from scipy.stats import chi2
 
 from ..checks import check_positive, finite_array
@@ -33,6 +34,9 @@ MIRRORED = 0.1
 # image
 VISIBLE = 0.01
 SCALE_LIMIT = 2.0  # standard deviations of the scale from 1
+ERROR = 0.01  # probability with which a right registration fails the test of its misclosures
+WALL = 2.7  # m, of the lining from the axis of a rotation
+WALL_LIMIT = 0.002  # m, largest standard deviation there of a rotation that needs no warning
 ARCSECONDS = np.degrees(1.0) * 3600.0
 
 
@@ -79,8 +83,7 @@ def register_stations(
         taken as known: a handful of targets says little about its own precision. :func:`checks`
         tests them.
     scale : True estimates a scale per station. Scanner and total station both measure metres: leave
-        it at 1 unless
-        :func:`checks` says that it is not.
+        it at 1 unless :func:`checks` says that it is not.
 
     Returns the stations by name, in the order of ``observed``. Targets that are not in the control
     net are left out. The control net's errors are common to stations that use the same targets; the
@@ -97,18 +100,8 @@ def register_stations(
     >>> stations["S1"].similarity.translation.round(9) + 0
     array([  0., 100.,   0.])
     """
-    _require_columns(observed, OBSERVED, "observed")
-    _require_columns(control, CONTROL, "control")
-    for frame, key, name in [
-        (observed, OBSERVED[:2], "observed"),
-        (control, CONTROL[:1], "control"),
-    ]:
-        twice = frame.duplicated(key)
-        if twice.any():
-            raise ValueError(
-                f"{name}: expected each target once, got "
-                f"{' '.join(map(str, frame.loc[twice, key].iloc[0]))} twice"
-            )
+    _require_rows(observed, OBSERVED, OBSERVED[:2], "observed")
+    _require_rows(control, CONTROL, CONTROL[:1], "control")
     errors = {
         "source_cofactors": check_positive(scanner_sd, "scanner_sd") ** 2,
         "target_cofactors": check_positive(control_sd, "control_sd") ** 2,
@@ -118,9 +111,9 @@ def register_stations(
     stations = {}
     for name in observed["station"].unique():
         mine = pairs[pairs["station"] == name]
-        source = finite_array(mine[["x", "y", "z"]].to_numpy(), f"station {name}")
+        source = finite_array(mine[["x", "y", "z"]], f"station {name}")
         target = finite_array(
-            mine[["x_control", "y_control", "z_control"]].to_numpy(), f"station {name}, control"
+            mine[["x_control", "y_control", "z_control"]], f"station {name}, control"
         )
         stations[name] = _registered(
             str(name), tuple(mine["target"].astype(str)), source, target, errors, scale
@@ -136,56 +129,52 @@ def _registered(
     errors: dict,
     scale: bool,
 ) -> Station:
-    if len(targets) < SMALLEST:
-        raise ValueError(
-            f"station {name}: expected at least {SMALLEST} targets of the control net, got "
-            f"{len(targets)}"
-        )
-    _require_same_unit(name, source, target)
-    options = {**errors, "robust": len(targets) > SMALLEST}
     try:
-        _require_same_hand(name, source, target)
+        if len(targets) < SMALLEST:
+            raise ValueError(
+                f"expected at least {SMALLEST} targets of the control net, got {len(targets)}"
+            )
+        _require_same_unit(source, target)
+        _require_same_hand(source, target)
+        robust = len(targets) > SMALLEST
         fits = {
-            free: fit_similarity(source, target, scale=free, **options) for free in (scale, True)
+            free: fit_similarity(source, target, scale=free, robust=robust, **errors)
+            for free in (scale, True)
         }
     except ValueError as error:
-        message = str(error)
-        raise ValueError(
-            message if message.startswith("station") else f"station {name}: {message}"
-        ) from None
+        raise ValueError(f"station {name}: {error}") from None
     return Station(name, targets, source, target, fits[scale], fits[True])
 
 
-def _require_columns(frame: pd.DataFrame, columns: list[str], name: str) -> None:
-    missing = [column for column in columns if column not in frame]
-    if missing:
+def _require_rows(frame: pd.DataFrame, columns: list[str], key: list[str], name: str) -> None:
+    """The columns must be there, and each target once."""
+    if missing := [column for column in columns if column not in frame]:
         raise ValueError(
             f"{name}: expected columns {', '.join(columns)}; {', '.join(missing)} missing"
         )
+    twice = frame[frame.duplicated(key)]
+    if len(twice):
+        found = " ".join(map(str, twice[key].iloc[0]))
+        raise ValueError(f"{name}: expected each target once, got {found} twice")
 
 
-def _require_same_unit(name: str, source: np.ndarray, target: np.ndarray) -> None:
-    first, second = np.triu_indices(len(source), 1)
-    lengths = [
-        np.linalg.norm(points[first] - points[second], axis=-1) for points in (source, target)
-    ]
+def _require_same_unit(source: np.ndarray, target: np.ndarray) -> None:
+    of_source, of_target = pdist(source), pdist(target)
     # The median, because a wrong pair spoils only its own distances.
-    ratio = np.median(lengths[0] / np.maximum(lengths[1], np.finfo(float).tiny))
+    ratio = np.median(of_source / np.maximum(of_target, np.finfo(float).tiny))
     if not 1 / FACTOR < ratio < FACTOR:
         raise ValueError(
-            f"station {name}: expected metres in both frames, got distances between its targets "
-            f"that are {ratio:.4g} times those "
-            "of the control net (millimetres? other targets?)"
+            "expected metres in both frames, got distances between its targets that are "
+            f"{ratio:.4g} times those of the control net (millimetres? other targets?)"
         )
 
 
-def _require_same_hand(name: str, source: np.ndarray, target: np.ndarray) -> None:
+def _require_same_hand(source: np.ndarray, target: np.ndarray) -> None:
     as_is, mirrored = (_misclosure(source * sign, target) for sign in (1.0, [1.0, 1.0, -1.0]))
     if mirrored < MIRRORED * as_is and as_is > VISIBLE:
         raise ValueError(
-            f"station {name}: expected right-handed frames, got targets that fit only mirrored, to "
-            f"{mirrored:.4f} m against "
-            f"{as_is:.4f} m (two axes swapped?)"
+            "expected right-handed frames, got targets that fit only mirrored, to "
+            f"{mirrored:.4f} m against {as_is:.4f} m (two axes swapped?)"
         )
 
 
@@ -221,87 +210,82 @@ def residual_table(stations: dict[str, Station]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def station_table(stations: dict[str, Station], wall: float = 2.7) -> pd.DataFrame:
+def _roll(station: Station) -> float:
+    """Standard deviation of the rotation that is worst known, rad."""
+    return float(np.sqrt(np.linalg.eigvalsh(station.similarity.central_cofactor[3:6, 3:6])[-1]))
+
+
+def station_table(stations: dict[str, Station]) -> pd.DataFrame:
     """Accuracy of each station.
 
     Columns: ``station``, ``targets``, ``in_use``; ``sigma_0``, 1 where the standard deviations
     given are right; ``sd_position_mm`` at the centroid of the targets, root of the sum of the
     variances; ``rot_x_arcsec``, ``rot_y_arcsec``, ``rot_z_arcsec``, standard deviations of the
     rotations about the axes of the project; ``roll_arcsec``, that of the rotation that is worst
-    known, and ``wall_mm``, what it does at ``wall`` m from its axis; ``scale_ppm``,
+    known, and ``wall_mm``, what it does at 2.7 m from its axis; ``scale_ppm``,
     ``scale_sd_ppm`` and ``scale_test`` of the scale estimated freely: its distance from 1 and that
     in standard deviations.
     """
     rows = []
     for station in stations.values():
-        covariance = station.similarity.central_cofactor  # absolute
-        turns = covariance[3:6, 3:6]
-        roll = np.sqrt(np.linalg.eigvalsh(turns)[-1])
+        variances = np.diagonal(station.similarity.central_cofactor)  # absolute
+        roll, free = _roll(station), station.free_scale
         rows.append(
             {
                 "station": station.name,
                 "targets": len(station.targets),
                 "in_use": int(np.count_nonzero(station.similarity.inliers)),
                 "sigma_0": float(station.similarity.sigma_0),
-                "sd_position_mm": 1e3 * np.sqrt(np.trace(covariance[:3, :3])),
+                "sd_position_mm": 1e3 * np.sqrt(variances[:3].sum()),
                 **{
-                    f"rot_{axis}_arcsec": ARCSECONDS * np.sqrt(turns[k, k])
-                    for k, axis in enumerate("xyz")
+                    f"rot_{axis}_arcsec": ARCSECONDS * np.sqrt(variance)
+                    for axis, variance in zip("xyz", variances[3:6], strict=True)
                 },
                 "roll_arcsec": ARCSECONDS * roll,
-                "wall_mm": 1e3 * wall * roll,
-                "scale_ppm": 1e6 * (float(station.free_scale.scale) - 1.0),
-                "scale_sd_ppm": 1e6 * np.sqrt(station.free_scale.central_cofactor[6, 6]),
-                "scale_test": float(station.free_scale.scale_test),
+                "wall_mm": 1e3 * WALL * roll,
+                "scale_ppm": 1e6 * (float(free.scale) - 1.0),
+                "scale_sd_ppm": 1e6 * np.sqrt(free.central_cofactor[6, 6]),
+                "scale_test": float(free.scale_test),
             }
         )
     return pd.DataFrame(rows)
 
 
-def checks(
-    stations: dict[str, Station],
-    *,
-    wall: float = 2.7,
-    wall_limit: float = 0.002,
-    error: float = 0.01,
-) -> list[str]:
+def checks(stations: dict[str, Station]) -> list[str]:
     """Warnings about a registration, one sentence each; none where all is well.
 
     Wrong targets by name; three targets, of which a wrong one cannot be told; misclosures larger
-    than the standard deviations given allow (χ² test at ``error``); a scale that differs from 1 by
-    more than two standard deviations; a rotation so weakly determined that it moves the wall,
-    ``wall`` m from its axis, by a standard deviation above ``wall_limit`` m.
+    than the standard deviations given allow (χ² test at 1 %); a scale that differs from 1 by more
+    than two standard deviations; a rotation so weakly determined that it moves the wall, 2.7 m from
+    its axis, by a standard deviation above 2 mm.
     """
-    found = []
-    for name, station in stations.items():
-        fit = station.similarity
-        for target, r, used in zip(station.targets, fit.residuals, fit.inliers, strict=True):
-            if not used:
-                found.append(
-                    f"station {name}: target {target} does not fit the others, by "
-                    f"{np.linalg.norm(r):.4f} m; it is not used"
-                )
-        if len(station.targets) == SMALLEST:
-            found.append(f"station {name}: with three targets a wrong one cannot be found")
-        if not fit.converged:
-            found.append(f"station {name}: {fit.stop_reason}")
-        redundancy = int(fit.redundancy)
-        if redundancy * fit.sigma_0**2 > chi2.isf(error, redundancy):
-            found.append(
-                f"station {name}: misclosures are {fit.sigma_0:.2f} times what the standard "
-                "deviations given allow"
-            )
-        if station.free_scale.scale_test > SCALE_LIMIT:
-            scale, test = station.free_scale.scale, station.free_scale.scale_test
-            found.append(
-                f"station {name}: its scale differs from 1 by {1e6 * (scale - 1):.0f} ppm, "
-                f"{test:.1f} standard deviations"
-            )
-        roll = np.sqrt(np.linalg.eigvalsh(fit.central_cofactor[3:6, 3:6])[-1])
-        if roll * wall > wall_limit:
-            found.append(
-                f"station {name}: its targets lie near a line; a rotation is known to "
-                f"{ARCSECONDS * roll:.0f} arc seconds only, "
-                f"{1e3 * roll * wall:.1f} mm at {wall:g} m"
-            )
-    return found
+    return [
+        f"station {name}: {sentence}"
+        for name, station in stations.items()
+        for sentence in _sentences(station)
+    ]
+
+
+def _sentences(station: Station) -> Iterator[str]:
+    fit, free, roll = station.similarity, station.free_scale, _roll(station)
+    for target, r, used in zip(station.targets, fit.residuals, fit.inliers, strict=True):
+        if not used:
+            off = np.linalg.norm(r)
+            yield f"target {target} does not fit the others, by {off:.4f} m; it is not used"
+    if len(station.targets) == SMALLEST:
+        yield "with three targets a wrong one cannot be found"
+    if not fit.converged:
+        yield str(fit.stop_reason)
+    redundancy = int(fit.redundancy)
+    if redundancy * fit.sigma_0**2 > chi2.isf(ERROR, redundancy):
+        yield f"misclosures are {fit.sigma_0:.2f} times what the standard deviations given allow"
+    if free.scale_test > SCALE_LIMIT:
+        yield (
+            f"its scale differs from 1 by {1e6 * (free.scale - 1):.0f} ppm, "
+            f"{free.scale_test:.1f} standard deviations"
+        )
+    if roll * WALL > WALL_LIMIT:
+        yield (
+            f"its targets lie near a line; a rotation is known to {ARCSECONDS * roll:.0f} arc "
+            f"seconds only, {1e3 * roll * WALL:.1f} mm at {WALL:g} m"
+        )

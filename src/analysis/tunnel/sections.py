@@ -3,12 +3,6 @@
 A section holds the points within half a thickness of the plane through an axis point, normal to the
 axis. In its frame u points right, v up and w along the axis; polar coordinates about the axis point
 are ρ and α in rad, 0 at the crown, positive to the right (clockwise when looking along the axis).
-
-References
-----------
-Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section extraction and deformation analysis from laser point
-clouds; its equations are numbered (1)-(13), but were lost from the text at hand and are
-reconstructed here from its words.
 """
 
 from __future__ import annotations

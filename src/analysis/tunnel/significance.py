@@ -7,10 +7,9 @@ References
 ----------
 Krishnamoorthy & Yu (2004), Statistics & Probability Letters 66, 161-169 (means of several
 components, variances unknown). Lague, Brodu & Leroux (2013), ISPRS Journal of Photogrammetry and
-Remote Sensing 82, 10-26 (level of detection). Li, Lu, Zhu, Lu, Wu & Li (2015), tunnel section
-extraction and deformation analysis from laser point clouds. Welch (1947), Biometrika 34, 28-35.
-Winiwarter, Anders & Höfle (2021), ISPRS Journal of Photogrammetry and Remote Sensing 178, 240-258
-(registration as a covariance).
+Remote Sensing 82, 10-26 (level of detection). Welch (1947), Biometrika 34, 28-35. Winiwarter,
+Anders & Höfle (2021), ISPRS Journal of Photogrammetry and Remote Sensing 178, 240-258 (registration
+as a covariance).
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ from ..adjustment.weights import ROUNDED_MAD_TO_SD
 from ..blocks import pieces
 from ..checks import point_array
 from .axis import Axis
-from .group_medians import group_medians
 from .lining_surface import ROUGHNESS
+from .medians import group_medians
 from .registration import Station
 
 # m along the tunnel: short, because stations see more of its near side, and rings stand before one

@@ -72,6 +72,9 @@ def test_text_tables_and_figures(files, result, quick, tmp_path, capsys):
     )
     assert f"{result.axis.length:.2f} m" in lines[2] and lines[3].endswith("± 2 mm a coordinate")
     start = next(place for place, line in enumerate(lines) if line.startswith("chainage/m"))
+    heads = re.split("  +", lines[start])
+    assert len(set(heads)) == len(heads) == len(command.SHOWN)  # told apart not by blanks alone
+    assert heads[-2:] == ["convergence/mm", "±convergence/mm"]
     for line, row in zip(lines[start + 1 :], table.itertuples(), strict=False):
         cells = line.split()
         assert cells[:3] == [f"{row.chainage_m:.2f}", str(row.points_1), str(row.points_2)]

@@ -1,8 +1,10 @@
-"""Medians of many groups at once."""
+"""Medians of many groups at once, and the scale of residuals by their median."""
 
 from __future__ import annotations
 
 import numpy as np
+
+from ..adjustment.weights import ROUNDED_MAD_TO_SD
 
 
 def group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
@@ -14,3 +16,10 @@ def group_medians(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarr
     medians = np.full(count, np.nan)
     medians[present] = 0.5 * (values[starts + (sizes - 1) // 2] + values[starts + sizes // 2])
     return medians
+
+
+def median_scale(residuals: np.ndarray, smallest: float) -> float:
+    """``1.4826 med|e|``, not below ``smallest``; that for no residuals."""
+    if not residuals.size:
+        return smallest
+    return max(ROUNDED_MAD_TO_SD * float(np.median(np.abs(residuals))), smallest)
