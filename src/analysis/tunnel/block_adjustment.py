@@ -44,6 +44,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from ..adjustment.linalg import cofactor_from_normal, solve
@@ -103,24 +104,16 @@ class Block:
         array([0.001, 0.001, 0.001])
         """
         directions = finite_array(directions, "directions")
-        rows = [
-            _rows(finite_array(point, "point") - station.similarity.image, directions)
-            for station in self.stations.values()
-        ]
-        blocks = np.zeros((len(rows), len(directions), len(rows), 6))
-        blocks[np.arange(len(rows)), :, np.arange(len(rows))] = rows
-        J = blocks.reshape(len(rows) * len(directions), -1)
+        point = finite_array(point, "point")
+        arms = (point - station.similarity.image for station in self.stations.values())
+        J = block_diag(*(_rows(arm, directions) for arm in arms))
         return J @ self.covariance @ J.T
 
 
 def singly(stations: Mapping[str, Station]) -> Block:
     """Stations as they are, each with its own covariance and none between them."""
-    covariance = np.zeros((6 * len(stations), 6 * len(stations)))
-    for k, station in enumerate(stations.values()):
-        covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = station.similarity.central_cofactor[
-            :6, :6
-        ]
-    return Block(dict(stations), covariance)
+    own = (station.similarity.central_cofactor[:6, :6] for station in stations.values())
+    return Block(dict(stations), block_diag(*own))
 
 
 def adjust_block(
@@ -162,14 +155,11 @@ def adjust_block(
     >>> block.stations["1"].similarity.translation.round(9) + 0, block.converged
     (array([ 0., 50.,  0.]), True)
     """
-    A, y = _surveyed(
-        stations,
-        check_positive(scanner_sd, "scanner_sd"),
-        check_positive(control_sd, "control_sd"),
-        level_sd,
-    )
+    scanner_sd = check_positive(scanner_sd, "scanner_sd")
+    control_sd = check_positive(control_sd, "control_sd")
+    A, y = _surveyed(stations, scanner_sd, control_sd, level_sd)
     lining = _Lining.of(ties, stations)
-    count, own = len(stations), slice(0, 6 * len(stations))
+    count, own = len(stations), slice(6 * len(stations))
     x, weights = np.zeros(A.shape[1]), np.ones(len(lining.radii))
     for iterations in range(1, MAX_STEPS + 1):
         u = lining.standardised(x[own].reshape(count, 6), weights)
@@ -180,35 +170,33 @@ def adjust_block(
             else WEIGHTS.weight(u / sigma)
         )
         N, right = A.T @ A, A.T @ y
-        of_lining = lining.normal(weights / sigma**2, count)
-        N[own, own] += of_lining[0]
-        right[own] += of_lining[1]
+        N_lining, right_lining = lining.normal(weights / sigma**2, count)
+        N[own, own] += N_lining
+        right[own] += right_lining
         x, before = solve(N, right[:, None])[:, 0], x
         change = float(np.abs(x - before).max())
         if iterations > FIRST_STEPS and not change > STANDS_STILL:
             break
-    converged = change <= STANDS_STILL
+    converged, stop_reason = change <= STANDS_STILL, "corrections stand still"
+    if not converged:
+        stop_reason = f"not converged: corrections still change by {change:.2g}"
+        warnings.warn(stop_reason, ConvergenceWarning, stacklevel=2)
     cofactor = cofactor_from_normal(N)
     v, redundancy = y - A @ x, len(y) - np.sum(A @ cofactor * A)
-    blocks = [slice(6 * k, 6 * k + 6) for k in range(count)]
-    block = Block(
-        {
-            name: _moved(station, x[of], cofactor[of, of])
-            for of, (name, station) in zip(blocks, stations.items(), strict=True)
-        },
+    moved = {}
+    for k, (name, station) in enumerate(stations.items()):
+        of = slice(6 * k, 6 * k + 6)
+        moved[name] = _moved(station, x[of], cofactor[of, of])
+    return Block(
+        moved,
         cofactor[own, own],
         sigma_0=float(np.sqrt(v @ v / redundancy)),
         tie_sd=sigma,
         tie_weights=weights,
         iterations=iterations,
         converged=converged,
-        stop_reason="corrections stand still"
-        if converged
-        else f"not converged: corrections still change by {change:.2g}",
+        stop_reason=stop_reason,
     )
-    if not converged:
-        warnings.warn(block.stop_reason, ConvergenceWarning, stacklevel=2)
-    return block
 
 
 def _rows(arms: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -226,10 +214,9 @@ def _surveyed(
     """
     net = _net(stations)
     count, points = 6 * len(stations), {name: place for place, name in enumerate(net)}
-    blocks, y = (
-        [np.eye(3 * len(net), count + 3 * len(net), count) / control_sd],
-        [np.zeros(3 * len(net))],
-    )
+    unknowns = count + 3 * len(net)
+    blocks = [np.eye(3 * len(net), unknowns, count) / control_sd]
+    y = [np.zeros(3 * len(net))]
     for k, station in enumerate(stations.values()):
         fit, own = station.similarity, slice(6 * k, 6 * k + 6)
         seen = fit.transform(station.source)
@@ -237,13 +224,13 @@ def _surveyed(
             station.targets, np.sqrt(fit.weights), seen, station.target, strict=True
         ):
             if root > 0:
-                rows = np.zeros((3, count + 3 * len(net)))
+                rows = np.zeros((3, unknowns))
                 rows[:, own] = _rows(X - fit.image, np.eye(3))
                 rows[:, count + 3 * points[name] + np.arange(3)] = np.eye(3)
                 blocks.append(rows * root / scanner_sd)
                 y.append((X_net - X) * root / scanner_sd)
         if level_sd is not None:
-            Z, rows = fit.rotation[:, 2], np.zeros((2, count + 3 * len(net)))
+            Z, rows = fit.rotation[:, 2], np.zeros((2, unknowns))
             rows[:, 6 * k + 3 : 6 * k + 6] = np.cross(Z, np.eye(3)[:2])
             blocks.append(rows / check_positive(level_sd, "level_sd"))
             y.append(-Z[:2] / level_sd)
@@ -274,8 +261,9 @@ def _net(stations: Mapping[str, Station]) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class _Lining:
-    """Equations of the ties: rows J (m, 6) of stations (m,), cells (m,), radii (m,) less the mean
-    of their cell, precisions (m,).
+    """Equations of the ties: rows J (m, 6) of stations (m,) in cells (m,).
+
+    With radii (m,) less the mean of their cell and precisions (m,).
     """
 
     J: np.ndarray
@@ -286,41 +274,26 @@ class _Lining:
 
     @classmethod
     def of(cls, ties: Sequence[Ties], stations: Mapping[str, Station]) -> _Lining:
-        names = {name: place for place, name in enumerate(stations)}
-        images = np.array([station.similarity.image for station in stations.values()])
-        parts, cells = [], 0
-        for of in ties:
-            unknown = sorted(set(of.stations.tolist()) - set(names))
-            if unknown:
-                raise ValueError(
-                    f"ties: expected those of the stations {', '.join(names)}, got "
-                    f"{', '.join(unknown)}"
-                )
-            if np.bincount(of.cells).min(initial=2) < 2:
-                raise ValueError(
-                    "ties: expected at least two stations in every cell, got cells with fewer"
-                )
-            place = np.array([names[name] for name in of.stations.tolist()], dtype=int)
-            mean = np.bincount(of.cells, of.radii) / np.bincount(of.cells)
-            precision = 1.0 / (1.0 / of.counts + 1.0 / POINTS_THAT_COUNT)
-            parts.append(
-                (
-                    _rows(of.points - images[place], of.normals),
-                    place,
-                    of.cells + cells,
-                    of.radii - mean[of.cells],
-                    precision,
-                )
+        of, images = Ties.join(ties), [station.similarity.image for station in stations.values()]
+        if unknown := sorted(set(of.stations.tolist()) - set(stations)):
+            raise ValueError(
+                f"ties: expected those of the stations {', '.join(stations)}, got "
+                f"{', '.join(unknown)}"
             )
-            cells += len(mean)
-        nothing = (
-            np.empty((0, 6)),
-            np.empty(0, dtype=int),
-            np.empty(0, dtype=int),
-            np.empty(0),
-            np.empty(0),
+        count = np.bincount(of.cells)
+        if count.min(initial=2) < 2:
+            raise ValueError(
+                "ties: expected at least two stations in every cell, got cells with fewer"
+            )
+        names = {name: place for place, name in enumerate(stations)}
+        place = np.array([names[name] for name in of.stations.tolist()], dtype=int)
+        return cls(
+            J=_rows(of.points - np.array(images)[place], of.normals),
+            station=place,
+            cell=of.cells,
+            radii=of.radii - (np.bincount(of.cells, of.radii) / count)[of.cells],
+            precision=1.0 / (1.0 / of.counts + 1.0 / POINTS_THAT_COUNT),
         )
-        return cls(*(np.concatenate(arrays) for arrays in zip(nothing, *parts, strict=True)))
 
     def normal(self, weights: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix (6K, 6K) and right side (6K,); the radii of the cells are eliminated.
@@ -364,16 +337,14 @@ class _Lining:
 
 def _moved(station: Station, correction: np.ndarray, cofactor: np.ndarray) -> Station:
     fit = station.similarity
-    image, rotation = (
-        fit.image + correction[:3],
-        Rotation.from_rotvec(correction[3:]).as_matrix() @ fit.rotation,
-    )
     central = np.zeros((7, 7))
     central[:6, :6] = cofactor
     moved = replace(
-        fit, method="joint adjustment", image=image, rotation=rotation, central_cofactor=central
+        fit,
+        method="joint adjustment",
+        image=fit.image + correction[:3],
+        rotation=Rotation.from_rotvec(correction[3:]).as_matrix() @ fit.rotation,
+        central_cofactor=central,
     )
-    return replace(
-        station,
-        similarity=replace(moved, residuals=station.target - moved.transform(station.source)),
-    )
+    residuals = station.target - moved.transform(station.source)
+    return replace(station, similarity=replace(moved, residuals=residuals))

@@ -5,8 +5,8 @@ Where two stations have points in a cell of the wall, its radius is one and the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -56,6 +56,18 @@ class Ties:
 
     def __len__(self) -> int:
         return len(self.cells)
+
+    @classmethod
+    def join(cls, epochs: Sequence[Ties]) -> Ties:
+        """Ties of several epochs or of none, their cells numbered on."""
+        none, vectors = np.empty(0), np.empty((0, 3))
+        nothing = cls(none.astype(str), none.astype(int), vectors, vectors, none, none)
+        parts, cells = [nothing], 0
+        for of in epochs:
+            parts.append(replace(of, cells=of.cells + cells))
+            cells += int(of.cells.max(initial=-1)) + 1
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(of, name) for of in parts]) for name in names))
 
 
 def surface_ties(
@@ -123,11 +135,8 @@ def _rows_and_radii(
     points: np.ndarray, station: Station, axis: Axis
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Place of the cell along and around the tunnel, and radius, of points (n, 3) of a station."""
-    row, column, radius = (
-        np.empty(len(points), dtype=np.int64),
-        np.empty(len(points), dtype=np.int64),
-        np.empty(len(points)),
-    )
+    row, column = np.empty((2, len(points)), dtype=np.int64)
+    radius = np.empty(len(points))
     for piece in pieces(len(points)):
         y, radius[piece], angle = axis.polar(station.similarity.transform(points[piece]))
         row[piece] = np.floor(axis.chainage(y) / CELL)
