@@ -19,6 +19,7 @@ residuals is an addition.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -63,13 +64,6 @@ class Segment:
     limit: float
     converged: bool
     stop_reason: str
-
-    @classmethod
-    def unsupported(cls, start: float, end: float, count: int, reason: str) -> Segment:
-        unknown = np.full(2, np.nan)
-        return cls(
-            float(start), float(end), count, unknown, unknown, np.nan, np.nan, np.nan, False, reason
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,19 +153,18 @@ def filter_lining(
             f"points: expected a tunnel of {SMALLEST:g} to {LARGEST:g} m radius, in m, got "
             f"{typical:.4g} from the axis"
         )
-    edges = _edges(along, segment)
-    number = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, len(edges) - 2).astype(
-        np.int32
-    )
+    first, last = along.min(), along.max()
+    edges = np.linspace(first, last, max(1, int(np.ceil((last - first) / segment))) + 1)
+    number = np.searchsorted(edges[1:-1], along, side="right").astype(np.int32)
     order = np.argsort(number, kind="stable")
     bounds = np.searchsorted(number[order], np.arange(len(edges)))
     flags = np.full(len(points), UNSUPPORTED, dtype=np.int8)
     distances, from_cylinder = np.full(len(points), np.nan), np.full(len(points), np.nan)
     segments = []
-    for k in range(len(edges) - 1):
-        part = order[bounds[k] : bounds[k + 1]]
-        rho, alpha, w = radius[part], angle[part], along[part]
-        one, d, e = _segment(rho, alpha, w, edges[k], edges[k + 1], threshold, surface, reach, seed)
+    for ends, within in zip(pairwise(edges.tolist()), pairwise(bounds), strict=True):
+        part = order[slice(*within)]
+        polar = radius[part], angle[part], along[part]
+        one, d, e = _segment(*polar, *ends, threshold, surface, reach, seed)
         segments.append(one)
         from_cylinder[part], distances[part] = d, e
         if one.converged:
@@ -182,12 +175,6 @@ def filter_lining(
             f"{segments[0].stop_reason}"
         )
     return FilteredLining(flags, distances, from_cylinder, number, tuple(segments))
-
-
-def _edges(along: np.ndarray, segment: float) -> np.ndarray:
-    """Chainage of the ends of equal segments, none longer than asked."""
-    first, last = along.min(), along.max()
-    return np.linspace(first, last, max(1, int(np.ceil((last - first) / segment))) + 1)
 
 
 def _segment(
@@ -205,34 +192,33 @@ def _segment(
         if not fit.converged:
             raise ValueError(fit.stop_reason)
     except ValueError as error:
-        nothing = np.full(len(rho), np.nan)
-        return Segment.unsupported(start, end, len(rho), f"not adjusted: {error}"), nothing, nothing
+        unknown, nothing = np.full(2, np.nan), np.full(len(rho), np.nan)
+        size = unknown, unknown, np.nan, np.nan, np.nan
+        reason = f"not adjusted: {error}"
+        return Segment(start, end, len(rho), *size, False, reason), nothing, nothing
     d = _distances(fit, rho, alpha, w)
     near = np.abs(d) <= reach
     e = d
     if surface == "local":
         residual = fitted(grid, grid.pixels(alpha[near], w[near]), d[near])
-        e = d - np.concatenate(
-            [grid.interpolated(residual, alpha[piece], w[piece]) for piece in pieces(len(d))]
-        )
+        e = d.copy()
+        for piece in pieces(len(d)):
+            e[piece] -= grid.interpolated(residual, alpha[piece], w[piece])
     sigma = median_scale(e[near], ROUGHNESS)
     middle = fit.point + (0.5 * (start + end) - fit.point[1]) / fit.direction[1] * fit.direction
-    return (
-        Segment(
-            start=float(start),
-            end=float(end),
-            count=len(rho),
-            center=middle[[0, 2]],
-            semi_axes=fit.semi_axes,
-            angle=float(fit.angle),
-            sigma=sigma,
-            limit=threshold * sigma,
-            converged=True,
-            stop_reason=str(fit.stop_reason),
-        ),
-        d,
-        e,
+    segment = Segment(
+        start,
+        end,
+        len(rho),
+        center=middle[[0, 2]],
+        semi_axes=fit.semi_axes,
+        angle=float(fit.angle),
+        sigma=sigma,
+        limit=threshold * sigma,
+        converged=True,
+        stop_reason=str(fit.stop_reason),
     )
+    return segment, d, e
 
 
 def _one_a_pixel(pixel: np.ndarray, rho: np.ndarray) -> np.ndarray:

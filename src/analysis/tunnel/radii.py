@@ -63,8 +63,6 @@ class Radii:
 def equal_angles(section: Section, directions=DIRECTIONS, step: float = STEP) -> Radii:
     """Radii in given directions as printed: the nearest point in each of three sub-planes.
 
-    Where there is none, an interpolated one.
-
     The sub-planes lie at w = −d/2, 0 and d/2; each takes the points within d/4 of it. A direction's
     point is the one nearest in angle within ``step``/2. Where there is none, a quadratic through
     the sub-plane's points within ``step``·2 to each side, growing to 10°, with at least 5 points on
@@ -132,11 +130,9 @@ def local_radii(section: Section, directions=DIRECTIONS, step: float = STEP) -> 
     radius, sd, freedom = (
         np.where(known, value, np.nan) for value in (c[:, 0], np.sqrt(variance / worth), freedom)
     )
-    own = np.searchsorted(around[0], directions + 0.5 * step, "right") - np.searchsorted(
-        around[0], directions - 0.5 * step
-    )
+    first, _, last = _bounds(around[0], directions, 0.5 * step)
     return Radii(
-        directions, radius, sd, freedom, np.where(known, worth, 0.0), known & (own == 0), reach
+        directions, radius, sd, freedom, np.where(known, worth, 0.0), known & (first == last), reach
     )
 
 
@@ -154,8 +150,7 @@ def _require_points(section: Section) -> None:
     if section.count < FEWEST:
         raise ValueError(
             f"section at chainage {section.chainage:.3f} m: expected at least {FEWEST} points, got "
-            f"{section.count}; "
-            "nothing was scanned there"
+            f"{section.count}; nothing was scanned there"
         )
 
 
@@ -173,11 +168,10 @@ def _by_angle(alpha: np.ndarray, rho: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _reach(
     around, directions: np.ndarray, step: float, start: float, enough: int, good: float
 ) -> np.ndarray:
-    """(J,) half width of the narrowest neighbourhood with ``enough`` points, on both sides, that is
-    worth ``good`` points.
+    """(J,) half width of the narrowest neighbourhood with ``enough`` points worth ``good`` points.
 
-    It starts at ``start`` and grows by half steps; at the widest the fewest points and the least
-    worth will do; else NaN.
+    They lie on both sides of the direction. The half width starts at ``start`` and grows by half
+    steps; at the widest the fewest points and the least worth will do; else NaN.
     """
     reach = np.full(len(directions), np.nan)
     for half in np.append(np.arange(start, WIDEST - 1e-9, 0.5 * step), WIDEST):
@@ -228,8 +222,9 @@ def _nearest(around, directions, step) -> tuple[np.ndarray, ...]:
 class _Local:
     """The points of all neighbourhoods one after the other: all directions are adjusted at once.
 
-    owner : (m,) direction of each; powers : (5, m) of its angle from there over the half width; rho
-        : (m,)
+    owner : (m,) direction of each
+    powers : (5, m) of its angle from there over the half width
+    rho : (m,) m
     directions : their number
     """
 
@@ -247,26 +242,29 @@ class _Local:
         owner = np.repeat(np.arange(len(directions)), counts)
         index = np.arange(len(owner)) + np.repeat(first - np.cumsum(counts) + counts, counts)
         x = (alpha[index] - directions[owner]) / reach[owner]
-        return cls(
-            owner, x ** np.arange(2 * COEFFICIENTS - 1)[:, None], rho[index], len(directions)
-        )
+        powers = x ** np.arange(2 * COEFFICIENTS - 1)[:, None]
+        return cls(owner, powers, rho[index], len(directions))
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """(J,) of values (m,)."""
-        # whole numbers where there are none
+        # without points NumPy gives whole numbers
         return np.bincount(self.owner, values, minlength=self.directions).astype(float, copy=False)
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(J,) points."""
+        return np.bincount(self.owner, minlength=self.directions)
 
     def adjusted(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Normal matrices (J, 3, 3), quadratics (J, 3) and residuals (m,); NaN without points."""
-        count = self.sums(np.ones_like(self.rho))
+        count = self.counts
         middle = self.sums(self.rho) / np.where(count > 0, count, np.nan)
         rho = self.rho - middle[self.owner]  # so that little is lost in the sums
         powers = self.powers * weights
         moments = np.array([self.sums(power) for power in powers])
         moments[:, count == 0] = np.nan
-        N = np.moveaxis(
-            moments[np.add.outer(np.arange(COEFFICIENTS), np.arange(COEFFICIENTS))], -1, 0
-        )
+        k = np.arange(COEFFICIENTS)
+        N = np.moveaxis(moments[k[:, None] + k], -1, 0)
         right = np.stack([self.sums(power * rho) for power in powers[:COEFFICIENTS]], axis=-1)
         c = solve(N, right[..., None])[..., 0]
         residuals = rho - np.einsum("km,mk->m", self.powers[:COEFFICIENTS], c[self.owner])
@@ -312,7 +310,7 @@ def _common_scale(local: _Local, residuals: np.ndarray) -> float:
     """
     size = np.abs(residuals)
     order = np.lexsort((size, local.owner))
-    counts = local.sums(np.ones_like(size)).astype(np.int64)
+    counts = local.counts
     rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
     size = size[order][rank >= COEFFICIENTS]
     return median_scale(size[np.isfinite(size)], SMALLEST_SCALE)
