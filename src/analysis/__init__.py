@@ -25,6 +25,7 @@ from .surfaces.cylinder import CylinderFit
 from .surfaces.ellipse import EllipseFit
 from .surfaces.plane import PlaneFit
 from .surfaces.sphere import SphereFit
+from .trust import Check
 
 __version__ = "0.1.0"
 
@@ -34,6 +35,7 @@ __all__ = [
     "ELLIPSE_METHODS",
     "PLANE_METHODS",
     "SPHERE_METHODS",
+    "Check",
     "ConvergenceWarning",
     "CylinderFit",
     "EllipseFit",

@@ -5,8 +5,8 @@
     python -m analysis tunnel EPOCH1 EPOCH2 [--spacing M] [--thickness M] [--registration M]
                                             [--output DIR] [--json]
 
-Exit status 0: a result. 1: a result that did not converge. 2: no result, and one line on stderr
-says why.
+Exit status 0: a result. 1: a result that did not converge, or fails a check that makes it unusable.
+2: no result, and one line on stderr says why.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -103,7 +103,8 @@ def _fit(options: argparse.Namespace) -> int:
         print(json.dumps(record(fit, surface, options.file), allow_nan=False))
     else:
         print(report(fit, surface, options.file))
-    return 0 if fit.converged else 1
+    unusable = any(check.decisive and not check.passed for check in fit.checks())
+    return 1 if unusable or not fit.converged else 0
 
 
 def report(fit: Fit, surface: Surface, file: str) -> str:
@@ -131,7 +132,8 @@ def report(fit: Fit, surface: Surface, file: str) -> str:
     width, indent = (max(len(row[column]) for row in rows) for column in (1, 0))
     lines = [f"{file}", f"{method.label} ({method.citation})", ""]
     lines += [f"{name:<{indent}}  {value:>{width}}  {remark}" for name, value, remark in rows]
-    return "\n".join(lines)
+    spoken = [str(check) for check in fit.checks() if not check.passed]
+    return "\n".join([*lines, "", *spoken] if spoken else lines)
 
 
 def record(fit: Fit, surface: Surface, file: str) -> dict:
@@ -152,6 +154,7 @@ def record(fit: Fit, surface: Surface, file: str) -> dict:
         "iterations": fit.iterations,
         "converged": fit.converged,
         "stop_reason": fit.stop_reason,
+        "checks": [asdict(check) for check in fit.checks()],
     }
     return {name: _plain(value) for name, value in values.items()}
 
@@ -175,7 +178,7 @@ def _parser() -> argparse.ArgumentParser:
             description=f"Fit a {name} to the points of a scan "
             "and print its parameters with their standard deviations.",
             epilog=f"methods:\n{listed}\n\nexit status: 0 a result, "
-            "1 a result that did not converge, 2 no result",
+            "1 a result that did not converge or fails a check that makes it unusable, 2 no result",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         command.add_argument(
@@ -213,6 +216,8 @@ def _number(value, form: str) -> str:
 
 def _plain(value):
     """A value as JSON has it: lists for arrays, null for what is not finite."""
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
     value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
     if isinstance(value, list):
         return [_plain(item) for item in value]

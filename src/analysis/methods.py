@@ -18,7 +18,7 @@ from .checks import check_one_of, check_positive, finite_array, point_array
 from .orthogonal.cloud import Cloud, DegenerateCloud, a_priori
 from .orthogonal.gauss_helmert import geometric
 from .orthogonal.robust import robust
-from .result import Array, Fit, join, warn_if_not_converged
+from .result import Array, Fit, Given, join, warn_if_not_converged
 from .surfaces import cylinder, ellipse, plane, plane_eiv, sphere, sphere_eiv
 
 # Where the number of iterations varies much from cloud to cloud, more of them together: the slowest
@@ -390,9 +390,16 @@ def _fit(
     given = {"weights": a_priori_weights, "cofactors": matrices}
     reduce = partial(geometry.cloud.reduce, absolute=absolute, **own)
     fits = _solve(reduce, chosen, points, given, options)
-    fit = join(fits, points.shape[:-2])
+    station = _known(own.get("station"))
+    kept = Given.of_stack(points, a_priori_weights, matrices, station=station)
+    fit = join(fits, points.shape[:-2], kept)
     warn_if_not_converged(fit)
     return fit
+
+
+def _known(station: Array | None) -> Array | None:
+    """A station, unless it is the origin that stands where none was given."""
+    return station if station is not None and station.any() else None
 
 
 def _require_able(geometry: Geometry, method: str, asked: list[str]) -> None:

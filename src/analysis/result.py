@@ -6,12 +6,15 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from .adjustment.iteration import Convergence
+
+if TYPE_CHECKING:
+    from .trust import Check
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -93,6 +96,36 @@ class FittedSurface(NamedTuple):
     jacobian: Array  # (B, P, t) ∂(parameters)/∂(free parameters)
 
 
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What a fit was made from, by reference.
+
+    points : (…, n, dim) in m; weights (…, n), or None for ones; matrices (…, n, dim, dim) are full
+        cofactors, or None; station (dim,) in m is where the scanner stood, or None
+    """
+
+    points: Array
+    weights: Array | None = None
+    matrices: Array | None = None
+    station: Array | None = None
+
+    @classmethod
+    def of_stack(cls, points: Array, weights: Array | None, matrices: Array | None, **own) -> Given:
+        """From weights (B, n) and matrices (B, n, dim, dim) of the flattened stack."""
+        lead = points.shape[:-2]
+        if weights is not None:
+            weights = weights.reshape(lead + weights.shape[1:])
+        if matrices is not None:
+            matrices = matrices.reshape(lead + matrices.shape[1:])
+        return cls(points, weights, matrices, **own)
+
+    def __getitem__(self, index) -> Given:
+        """Some clouds of the stack."""
+        weights = None if self.weights is None else self.weights[index]
+        matrices = None if self.matrices is None else self.matrices[index]
+        return Given(self.points[index], weights, matrices, self.station)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """A fitted surface; of a stack of clouds ``(…, n, 3)`` every array has the leading axes ``…``.
@@ -109,6 +142,7 @@ class Fit:
         exactly 0
     iterations, converged, stop_reason : (…) how it ended
     history : the iterations, where the method was asked to keep them
+    given : the points and what was said of them, for :meth:`checks`
     """
 
     method: str
@@ -122,8 +156,10 @@ class Fit:
     stop_reason: npt.NDArray[np.object_]
     history: tuple[Iteration, ...] = ()
     absolute: bool = False
+    given: Given | None = None
 
     NAMES: ClassVar[tuple[str, ...]] = ()  # of the parameters, set by each geometry
+    SIZES: ClassVar[slice] = slice(0, 0)  # of the parameters that are lengths of the surface
 
     def scaled(self, cofactor: Array) -> Array:
         """``sigma_0² · cofactor`` (…, k, k); the cofactor itself where it is absolute."""
@@ -160,6 +196,42 @@ class Fit:
         """The fitted surfaces as their geometric model describes them."""
         raise NotImplementedError
 
+    def sizes(self) -> tuple[Array, Array]:
+        """Lengths (…, k) of the surface and their standard deviations, 0 of a fixed one."""
+        return self.parameters[..., self.SIZES], self.standard_deviations[..., self.SIZES]
+
+    def checks(self) -> tuple[Check, ...] | tuple[Any, ...]:
+        """How far the fit can be trusted; for a stack one such tuple per cloud.
+
+        Computed when asked for. Those that do not apply are left out.
+
+        >>> import analysis
+        >>> fit = analysis.fit_plane([[0, 0, 1], [1, 0, 2], [0, 1, 4], [1, 1, 5.0]])
+        >>> [check.name for check in fit.checks() if not check.passed]
+        ['redundancy']
+        """
+        if np.ndim(self.sigma_0):
+            return tuple(self[index].checks() for index in range(len(self.sigma_0)))
+        from .trust import checks_of  # which imports the solvers, and they this module
+
+        return checks_of(self)
+
+    def __getitem__(self, index) -> Self:
+        """The fits of some clouds of a stack.
+
+        >>> import analysis
+        >>> square = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1.0]])
+        >>> analysis.fit_plane([square, 2 * square])[1].parameters.round(9) + 0.0
+        array([0., 0., 2.])
+        """
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        indexed: dict[str, Any] = {
+            name: value[index]
+            for name, value in values.items()
+            if isinstance(value, np.ndarray | Given)
+        }
+        return replace(self, **indexed)
+
     def __repr__(self) -> str:
         shape = np.shape(self.sigma_0)
         if shape:
@@ -175,7 +247,7 @@ class Fit:
 F = TypeVar("F", bound=Fit)
 
 
-def join(fits: Sequence[F], lead: tuple[int, ...]) -> F:
+def join(fits: Sequence[F], lead: tuple[int, ...], given: Given | None = None) -> F:
     """Join fits of consecutive parts of a flattened stack into one with leading axes ``lead``.
 
     Its arrays are read-only.
@@ -190,7 +262,7 @@ def join(fits: Sequence[F], lead: tuple[int, ...]) -> F:
             array = array.reshape(lead + array.shape[1:])
             array.flags.writeable = False
             arrays[field.name] = array[()]
-    return replace(fits[0], **arrays)
+    return replace(fits[0], given=given, **arrays)
 
 
 def warn_if_not_converged(fit) -> None:

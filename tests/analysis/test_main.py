@@ -145,11 +145,11 @@ def test_bad_data(tmp_path, capsys):
 
 
 def test_held_radius(scan, capsys):
-    assert main(["fit", "sphere", scan, "--radius", "0.25", "--json"]) == 0
+    assert main(["fit", "sphere", scan, "--radius", "0.073", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["radius"] == 0.25 and result["standard_deviations"][3] == 0
+    assert result["radius"] == 0.073 and result["standard_deviations"][3] == 0
     assert "eiv, geometric, robust" in fail(
-        capsys, "fit", "sphere", scan, "--radius", "0.25", "--method", "ls"
+        capsys, "fit", "sphere", scan, "--radius", "0.073", "--method", "ls"
     )
     assert "radius: expected a positive finite number" in fail(
         capsys, "fit", "sphere", scan, "--radius", "-1"
@@ -227,3 +227,28 @@ def test_plane(wall, capsys):
         record["normal"] == fit.normal.tolist() and record["parameters"] == fit.parameters.tolist()
     )
     assert "not vertical" in fail(capsys, "fit", "plane", wall, "--method", "ls")
+
+
+def test_what_a_check_says_is_printed_and_in_json(tmp_path, capsys):
+    rng = np.random.default_rng(9)
+    wall = np.column_stack([rng.uniform(-0.3, 0.3, (200, 2)), 1e-3 * rng.standard_normal(200)])
+    path = tmp_path / "wall.xyz"
+    np.savetxt(path, wall, fmt="%.6f")
+    assert main(["fit", "sphere", str(path)]) == 1
+    printed = capsys.readouterr().out
+    assert main(["fit", "sphere", str(path), "--json"]) == 1
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    speaking = [check for check in checks if not check["passed"]]
+    assert "seen" in {check["name"] for check in speaking} and len(speaking) < len(checks)
+    for check in speaking:
+        assert f"{check['name']}: {check['sentence']}" in printed
+
+
+def test_a_check_that_makes_the_result_unusable_decides_the_exit_status(tmp_path, capsys):
+    path = tmp_path / "clutter.xyz"
+    np.savetxt(path, np.random.default_rng(10).uniform(-1.0, 1.0, (200, 3)), fmt="%.6f")
+    assert main(["fit", "sphere", str(path), "--method", "geometric", "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["converged"] and "chance" in {
+        c["name"] for c in found["checks"] if not c["passed"]
+    }

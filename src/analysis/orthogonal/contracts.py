@@ -35,6 +35,12 @@ class GeometricModel(Protocol):
     """dim of the points"""
     degrees: int
     """t, the number of free parameters"""
+    least_half_angle: float | None = None
+    """half angle in degrees that the normals of the points should span, of a curved surface
+
+    It is where an error common to points at the edge moves a length of the surface 25 times as far:
+    ``√(n q) = 25`` with the length's cofactor q from n points spread evenly.
+    """
 
     def __getitem__(self, keep) -> Self:
         """The model of some of the clouds of its stack."""
@@ -49,6 +55,13 @@ class GeometricModel(Protocol):
 
     def linearised(self, x: Array, D: Array) -> tuple[Array, Array]:
         """Distances (…, n) of D (…, n, dim) from x (…, s); their Jacobian (…, t, n)."""
+        ...
+
+    def in_frame(self, x: Array, origin: Array, length: Array) -> tuple[GeometricModel, Array]:
+        """The model and x (B, s) of the same surfaces in frames ``(p − origin)/length``.
+
+        origin : (B, dim); length : (B,)
+        """
         ...
 
     def update(self, x: Array, step: Array) -> Array:
@@ -96,6 +109,10 @@ class ElementalModel(GeometricModel, Protocol):
     def lengths(self, x: Array) -> tuple[Array, Array]:
         """Lengths (B, q) that x (B, s) must have to be a surface; their gradients (B, q, t)."""
         return np.empty((len(x), 0)), np.empty((len(x), 0, self.degrees))
+
+    def in_words(self, x: Array) -> str:
+        """One surface x (s,) in a sentence, lengths in m."""
+        ...
 
 
 class SurfaceCloud(Protocol):

@@ -107,6 +107,10 @@ class Observations:
         Taken are those whose coordinate along an oblique direction has the smallest digits from the
         sixth or seventh place on.
         """
+        return self._take(self.places(count, seed))
+
+    def places(self, count: int, seed: int) -> np.ndarray:
+        """Places (B, m) in each cloud of the points that a subsample takes, in its order."""
         if count < self.count:
             scale = 1e6 * (1.0 + np.random.default_rng(seed).uniform())
             digits = np.empty(self.points.shape[:2], dtype=np.float32)
@@ -114,8 +118,9 @@ class Observations:
                 along = scale * self.piece(part).oblique()
                 np.subtract(along, np.floor(along), out=digits[:, part])
             chosen = np.argpartition(digits, count - 1, axis=-1)[:, :count]
-            return self._take(chosen).subsample(count, seed)
-        return self._take(np.argsort(self.all().oblique(), axis=-1))
+            order = self._take(chosen).places(count, seed)
+            return np.take_along_axis(chosen, order, axis=-1)
+        return np.argsort(self.all().oblique(), axis=-1)
 
     def _take(self, chosen: np.ndarray) -> Observations:
         """The points with these places (B, m) in each cloud."""

@@ -46,6 +46,13 @@ class CylinderModel(GeometricModel):
 
     dimension = 3
     degrees = PARAMETERS
+    least_half_angle = 75.0
+
+    @staticmethod
+    def in_frame(x: Array, origin: Array, length: Array) -> tuple[CylinderModel, Array]:
+        length = length[:, None]
+        point = (x[:, POINT] - origin) / length
+        return CylinderModel(), np.concatenate([point, x[:, FRAME], x[:, SHAPE] / length], axis=-1)
 
     @staticmethod
     def update(x: Array, step: Array) -> Array:
@@ -170,6 +177,7 @@ class CylinderFit(EllipticFit):
     """
 
     NAMES = ("t_x", "t_y", "t_z", "x", "y", "z", "a", "b", "phi")
+    SIZES = slice(6, 8)
 
     @property
     def direction(self) -> Array:

@@ -50,6 +50,12 @@ class EllipseModel(ElementalModel):
 
     dimension = 2
     degrees = size = sample = PARAMETERS
+    least_half_angle = 75.0
+
+    @staticmethod
+    def in_frame(x: Array, origin: Array, length: Array) -> tuple[EllipseModel, Array]:
+        length = length[:, None]
+        return EllipseModel(), np.concatenate([x[:, :2] - origin, x[:, 2:]], axis=-1) / length
 
     @staticmethod
     def update(x: Array, step: Array) -> Array:
@@ -160,6 +166,11 @@ class EllipseModel(ElementalModel):
         gradients[:, :, 2] = 1.0
         gradients[:, 0, 3:], gradients[:, 1, 3:] = along, -along
         return np.concatenate([x[:, 2:3] + half, x[:, 2:3] - half], axis=-1), gradients
+
+    @staticmethod
+    def in_words(x: Array) -> str:
+        u0, v0, a, b, _ = axes_of(x[None])[0][0]
+        return f"centre {u0:.4f} {v0:.4f}, semi-axes {a:.4f} and {b:.4f} m"
 
 
 def _minor(x: Array) -> Array:
@@ -276,6 +287,7 @@ class EllipseFit(EllipticFit):
     """
 
     NAMES = ("u0", "v0", "a", "b", "phi")
+    SIZES = slice(2, 4)
 
     @property
     def center(self) -> Array:

@@ -40,6 +40,11 @@ class PlaneModel(ElementalModel):
     def _reduced(self, points: Array) -> Array:
         return points if self.pivot is None else points - self.pivot[:, None, :]
 
+    def in_frame(self, x: Array, origin: Array, length: Array) -> tuple[PlaneModel, Array]:
+        shift = -origin if self.pivot is None else self.pivot - origin
+        h = x[:, 3:] + np.sum(x[:, :3] * shift, axis=-1, keepdims=True)
+        return PlaneModel(), np.concatenate([x[:, :3], h / length[:, None]], axis=-1)
+
     def distances(self, x: Array, D: Array) -> Array:
         """``n · (p − pivot) − h``."""
         distances = x[..., :3] @ self._reduced(D).swapaxes(-1, -2)
@@ -99,6 +104,10 @@ class PlaneModel(ElementalModel):
         n = n / np.where(length > 0, length, np.nan)
         return np.concatenate([n, np.sum(n * first, axis=-1, keepdims=True)], axis=-1)
 
+    @staticmethod
+    def in_words(x: Array) -> str:
+        return "normal {:.4f} {:.4f} {:.4f}, offset {:.4f} m".format(*x)
+
 
 def tangents(n: Array) -> Array:
     """Two unit vectors (…, 3, 2) across unit normals n (…, 3) and across each other.
@@ -141,6 +150,14 @@ class PlaneFit(Fit):
     def normal_covariance(self) -> Array:
         """(…, 4, 4) covariance of (normal, offset), scaled as ``covariance`` is."""
         return self.scaled(self.normal_cofactor)
+
+    def sizes(self) -> tuple[Array, Array]:
+        """One radian, and the standard deviation of the normal about its least certain axis."""
+        covariance = self.normal_covariance[..., :3, :3]
+        with np.errstate(invalid="ignore"):
+            variance = np.trace(np.nan_to_num(covariance, nan=np.inf), axis1=-2, axis2=-1)
+        deviation = np.sqrt(np.maximum(variance, 0.0))[..., None]
+        return np.ones_like(deviation), deviation
 
     def surface(self) -> FittedSurface:
         pivot, n = self.centroid.reshape(-1, 3), self.normal.reshape(-1, 3)

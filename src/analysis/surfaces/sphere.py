@@ -34,6 +34,14 @@ class SphereModel(ElementalModel):
         """``fixed_radius`` (B,), or None for a free one."""
         self.fixed_radius = fixed_radius
         self.degrees = self.sample = 4 if fixed_radius is None else 3
+        self.least_half_angle = (
+            None if fixed_radius is not None else 30.0
+        )  # √(1 + 3 cot⁴(θ/2)) = 24.1
+
+    def in_frame(self, x: Array, origin: Array, length: Array) -> tuple[SphereModel, Array]:
+        fixed = None if self.fixed_radius is None else self.fixed_radius / length
+        centre = (x[:, :3] - origin) / length[:, None]
+        return SphereModel(fixed), np.concatenate([centre, x[:, 3:] / length[:, None]], axis=-1)
 
     def __getitem__(self, keep) -> SphereModel:
         """The model of some of the clouds of its stack."""
@@ -154,6 +162,10 @@ class SphereModel(ElementalModel):
         gradients = np.eye(4)[3 : self.degrees, : self.degrees]
         return x[:, 3 : self.degrees], np.broadcast_to(gradients, (len(x), *gradients.shape))
 
+    @staticmethod
+    def in_words(x: Array) -> str:
+        return "centre {:.4f} {:.4f} {:.4f}, radius {:.4f} m".format(*x)
+
 
 def _multipliers(q: Array, variances: Array, r: Array) -> Array:
     """The root μ > −1/max(v) of ``Σ_i (q_i/(1 + μ v_i))² = r²`` for each column of q (3, n).
@@ -215,6 +227,7 @@ class SphereFit(Fit):
     """A fitted sphere; ``parameters`` are (a, b, c, r) in m."""
 
     NAMES = ("a", "b", "c", "r")
+    SIZES = slice(3, 4)
 
     @property
     def center(self) -> Array:
