@@ -7,7 +7,7 @@ import pytest
 from analysis import fit_sphere
 from analysis.scanner import LEICA_C10
 from studies.ou_liu_2017.clouds import SPHERE_CENTER, SPHERE_RADIUS, sphere_redraws
-from studies.robustness import bias, breakdown, collapse, coverage, efficiency
+from studies.robustness import bias, breakdown, collapse, coverage, efficiency, number_of_points
 from studies.robustness.redraws import RADIUS, TARGET, cap_normals, share_interval, stacked
 
 CLEAN = sphere_redraws(20)
@@ -266,3 +266,17 @@ def test_history_is_that_of_the_fit():
     assert table["left"].iloc[-1] == np.count_nonzero(steps[-1].weights)
     np.testing.assert_allclose(table["sigma_mm"], [1e3 * step.scale for step in steps])
     assert table["sigma_mm"].iloc[-1] < 1e-2 * table["sigma_mm"].iloc[0]
+
+
+# ------------------------------------------------------------------------------ number of points
+
+
+def test_coverage_against_points_of_few_and_of_many():
+    """Both methods hold the truth of few points; of many only the one without bias."""
+    table = number_of_points.study([4, 7, 4000], 400, 1_000_000, 0.002, 3)
+    assert list(table.loc[table["points"] == 4, "surface"].unique()) == ["plane"]
+    held = table.set_index(["surface", "points", "method"])["held_percent"]
+    few = held[held.index.get_level_values("points") == 7]
+    assert few.between(90, 99).all()
+    assert held["sphere", 4000, "robust"] > 90
+    assert held["sphere", 4000, "geometric"] < 85

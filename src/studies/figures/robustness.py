@@ -236,6 +236,30 @@ def coverage(table: pd.DataFrame) -> None:
     publish(figure, f"{STEM}_coverage", table)
 
 
+def coverage_against_points(table: pd.DataFrame) -> None:
+    """How often the 95 % ellipsoid holds the truth, against the number of points: one panel per
+    surface.
+    """
+    surfaces = list(dict.fromkeys(table["surface"]))
+    figure, axes = new(1, len(surfaces), height=3.2, sharey=True, sharex=True)
+    for ax, surface in zip(axes, surfaces, strict=True):
+        ax.axhspan(93, 97, color="#E2E2E2", zorder=0)
+        ax.axhline(95, color=TRUTH, linewidth=0.8)
+        for method, rows in table[table["surface"] == surface].groupby("method", sort=False):
+            bars = np.abs(rows[["low_percent", "high_percent"]].T - rows["held_percent"])
+            ax.errorbar(rows["points"], rows["held_percent"], yerr=bars, **_style(method))
+        ax.set_xscale("log")
+        ax.set_ylim(80, 100)
+        ax.set_title(surface)
+        ax.set_xlabel("points")
+    axes[0].set_ylabel("redraws that hold the truth / %")
+    handles, _ = axes[0].get_legend_handles_labels()
+    headed(
+        figure, "Does the 95 % ellipsoid hold the truth, for few points and for many?", handles, 2
+    )
+    publish(figure, f"{STEM}_coverage_points", table)
+
+
 # Variants of the scale: marker, line style; all in the colour of the method.
 SCALES = {
     "rms, cumulative": ("^", "-", "rms of all points (literal), cumulative"),
