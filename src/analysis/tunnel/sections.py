@@ -22,7 +22,7 @@ THICKNESS = 0.05  # m (Li et al. 2015, section 4.2.2)
 class Section:
     """One cross-section.
 
-    chainage : arc length of its plane on the axis, m; y : local y there, m
+    chainage : arc length of its plane on the axis, m
     position : (3,) the axis point, m; right, up, along : (3,) unit vectors of its frame
     thickness : m, of the slab the points are from
     index : (n,) of its points in the cloud
@@ -31,7 +31,6 @@ class Section:
     """
 
     chainage: float
-    y: float
     position: np.ndarray
     right: np.ndarray
     up: np.ndarray
@@ -86,13 +85,9 @@ def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Sec
     chainages = np.atleast_1d(finite_array(chainages, "chainages"))
     thickness = check_positive(thickness, "thickness")
     rounding = 1e-9 * (1.0 + axis.length)
-    if (
-        chainages.ndim != 1
-        or chainages.size == 0
-        or chainages.min() < -rounding
-        or chainages.max() > axis.length + rounding
-    ):
-        shown = f"{chainages.min():g} to {chainages.max():g} m" if chainages.size else "none"
+    shown = f"{chainages.min():g} to {chainages.max():g} m" if chainages.size else "none"
+    inside = (-rounding <= chainages) & (chainages <= axis.length + rounding)
+    if chainages.ndim != 1 or not chainages.size or not inside.all():
         raise ValueError(
             f"chainages: expected shape (K,) between 0 and the axis' length of {axis.length:.3f} "
             f"m, got {shown}"
@@ -110,17 +105,18 @@ def cut(points, axis: Axis, chainages, thickness: float = THICKNESS) -> list[Sec
         w = offset @ along[k]
         inside = np.abs(w) <= 0.5 * thickness
         offset, chosen, w = offset[inside], chosen[inside], w[inside]
-        frame = position[k], right[k], up[k], along[k]
         sections.append(
             Section(
-                float(chainages[k]),
-                float(y[k]),
-                *frame,
-                thickness,
-                chosen,
-                offset @ right[k],
-                offset @ up[k],
-                w,
+                chainage=float(chainages[k]),
+                position=position[k],
+                right=right[k],
+                up=up[k],
+                along=along[k],
+                thickness=thickness,
+                index=chosen,
+                u=offset @ right[k],
+                v=offset @ up[k],
+                w=w,
             )
         )
     return sections
@@ -134,16 +130,11 @@ def _near(
     Near: with the foot point within ``reach`` of it; ``y`` ascends.
     """
     indices, feet = [np.empty(0, dtype=np.int64)], [np.empty(0)]
+    y = np.concatenate([[-np.inf], y, [np.inf]])
     for piece in pieces(len(points), 2**20):
         foot = axis.foot(points[piece])
-        after = (
-            np.clip(np.searchsorted(y, foot), 1, len(y) - 1)
-            if len(y) > 1
-            else np.zeros(len(foot), dtype=np.int64)
-        )
-        near = np.flatnonzero(
-            np.minimum(np.abs(foot - y[after]), np.abs(foot - y[after - 1])) <= reach
-        )
+        after = np.searchsorted(y[:-1], foot)
+        near = np.flatnonzero(np.minimum(foot - y[after - 1], y[after] - foot) <= reach)
         indices.append(piece.start + near)
         feet.append(foot[near])
     index, ascending = np.concatenate(indices), np.concatenate(feet)

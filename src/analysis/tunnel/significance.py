@@ -14,7 +14,6 @@ as a covariance).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,25 +43,21 @@ LARGEST_NORMAL = 37.0  # standard deviations; beyond, probabilities are below th
 def differences(first: Radii, second: Radii) -> np.ndarray:
     """``δ_j = ρ_j(second epoch) − ρ_j(first epoch)``, m; NaN where either epoch has a gap.
 
-    Of the shape of the radii.
-
-    Raises ``ValueError`` when the directions differ.
+    Of the shape of the radii. Raises ``ValueError`` when the directions differ.
 
     Source: Li et al. (2015), section on change detection.
     """
-    if first.radius.shape != second.radius.shape or not np.array_equal(
-        first.directions, second.directions
-    ):
+    shapes = first.radius.shape, second.radius.shape
+    if shapes[0] != shapes[1] or not np.array_equal(first.directions, second.directions):
+        angles = " at other angles" if shapes[0] == shapes[1] else ""
         raise ValueError(
             "second: expected radii in the same directions as in the first epoch, got shape "
-            f"{second.radius.shape} "
-            f"beside {first.radius.shape}"
-            + ("" if first.radius.shape != second.radius.shape else " at other angles")
+            f"{shapes[1]} beside {shapes[0]}{angles}"
         )
     return second.radius - first.radius
 
 
-def classes(delta, limits: Sequence[float] = LIMITS) -> np.ndarray:
+def classes(delta) -> np.ndarray:
     """Class of each difference: black, blue, red, or gap.
 
     black ``|δ| ≤ 6 mm``, blue ``6 mm < |δ| ≤ 12 mm``, red ``|δ| > 12 mm``.
@@ -75,7 +70,7 @@ def classes(delta, limits: Sequence[float] = LIMITS) -> np.ndarray:
     ['black', 'blue', 'blue', 'red', 'gap']
     """
     delta = real_array(delta, "delta")
-    names = np.array(CLASSES)[np.searchsorted(_limits(limits), np.abs(np.nan_to_num(delta)))]
+    names = np.array(CLASSES)[np.searchsorted(LIMITS, np.abs(np.nan_to_num(delta)))]
     return np.where(np.isnan(delta), GAP, names)
 
 
@@ -96,31 +91,21 @@ def share_beyond(delta, limit: float = LIMITS[0]) -> float:
     return float(np.mean(np.abs(delta[seen]) > check_positive(limit, "limit")))
 
 
-def flagged(delta, *, share: float = SHARE, limit: float = LIMITS[0]) -> bool:
-    """Whether a section is to be analysed further: more than ``share`` of it is beyond ``limit``.
+def flagged(delta) -> bool:
+    """Whether a section is to be analysed further: more than 30 % of it is beyond 6 mm.
 
-    Of the directions seen in both epochs.
-
-    Not where less than a quarter of the directions is seen in both epochs: of a handful the noise
-    of single points makes any share. :func:`significance` knows how little few directions say and
-    tests all sections.
+    Of the directions seen in both epochs; not where these are less than a quarter of all: of a
+    handful the noise of single points makes any share. :func:`significance` knows how little few
+    directions say and tests all sections.
 
     Source: Li et al. (2015), section on change detection; the shares are not printed.
 
-    >>> flagged([0.001, -0.008, 0.02, 0.0]), flagged([0.001, -0.008, 0.02, 0.0], share=0.5)
+    >>> flagged([0.001, -0.008, 0.02, 0.0]), flagged([0.001, -0.008, 0.002, 0.0])
     (True, False)
     >>> flagged([0.008, np.nan, np.nan, np.nan, np.nan])
     False
     """
-    share = check_positive(share, "share")
-    return share_beyond(delta, limit) > share and bool(np.mean(~np.isnan(delta)) >= LEAST_SEEN)
-
-
-def _limits(limits) -> np.ndarray:
-    limits = finite_array(limits, "limits")
-    if limits.shape != (2,) or not 0 < limits[0] < limits[1]:
-        raise ValueError(f"limits: expected two ascending positive lengths in m, got {limits}")
-    return limits
+    return share_beyond(delta) > SHARE and bool(np.mean(~np.isnan(delta)) >= LEAST_SEEN)
 
 
 # --------------------------------------------------------------------------------- significance
@@ -231,8 +216,8 @@ def significance(
     delta = differences(first, second)
     if delta.ndim != 1:
         raise ValueError(
-            f"first: expected one radius a direction, got shape {delta.shape}; local_radii gives "
-            "them"
+            f"first: expected one radius a direction, got shape {delta.shape}; "
+            "local_radii gives them"
         )
     level = check_positive(level, "level")
     seen = ~np.isnan(delta)
@@ -276,9 +261,8 @@ def _common_mode(
             "registration: expected a standard deviation, or a covariance matrix (2, 2) or (3, "
             f"3), got {registration!r}"
         )
-    if not np.allclose(Sigma, Sigma.T, rtol=1e-9, atol=0.0) or np.linalg.eigvalsh(Sigma)[
-        0
-    ] < -1e-9 * np.trace(Sigma):
+    symmetric = np.allclose(Sigma, Sigma.T, rtol=1e-9, atol=0.0)
+    if not symmetric or np.linalg.eigvalsh(Sigma)[0] < -1e-9 * np.trace(Sigma):
         raise ValueError(
             "registration: expected a symmetric covariance matrix without negative variances, got "
             f"{registration!r}"
@@ -294,12 +278,11 @@ def _relative_slope(a: np.ndarray, radius: np.ndarray) -> np.ndarray:
     Their own slope is noise.
     """
     seen = ~np.isnan(radius)
-    curve = np.stack([np.ones_like(a), np.sin(a), np.cos(a), np.sin(2 * a), np.cos(2 * a)], axis=-1)
+    sine, cosine, sine_2, cosine_2 = np.sin(a), np.cos(a), np.sin(2 * a), np.cos(2 * a)
+    curve = np.stack([np.ones_like(a), sine, cosine, sine_2, cosine_2], axis=-1)
+    slope = np.stack([np.zeros_like(a), cosine, -sine, 2 * cosine_2, -2 * sine_2], axis=-1)
     if np.count_nonzero(seen) < 2 * curve.shape[-1]:
         return np.zeros_like(a)
-    slope = np.stack(
-        [np.zeros_like(a), np.cos(a), -np.sin(a), 2 * np.cos(2 * a), -2 * np.sin(2 * a)], axis=-1
-    )
     coefficients = np.linalg.lstsq(curve[seen], radius[seen], rcond=1e-6)[0]
     return slope @ coefficients / np.where(seen, curve @ coefficients, 1.0)
 
@@ -331,11 +314,8 @@ def _basis(A: np.ndarray) -> np.ndarray:
 def _motion(delta, variance, freedom, root, A, Sigma) -> float:
     """Probability of so large a motion by noise and registration error."""
     Q = _basis(root[:, None] * A)
-    y, components, common = (
-        Q.T @ (root * delta),
-        Q * (root * np.sqrt(variance))[:, None],
-        Q.T @ (root[:, None] * A),
-    )
+    y, common = Q.T @ (root * delta), Q.T @ (root[:, None] * A)
+    components = Q * (root * np.sqrt(variance))[:, None]
     S = components.T @ components + common @ Sigma @ common.T
     p = len(S)
     # Of the estimated parts of S, each of rank one, in units of S.

@@ -19,7 +19,6 @@ from analysis.tunnel.radii import DIRECTIONS, equal_angles, local_radii
 from analysis.tunnel.significance import (
     LEVEL,
     LIMITS,
-    SHARE,
     differences,
     flagged,
     share_beyond,
@@ -140,7 +139,7 @@ def _alarms(section: SimulatedSection, epochs) -> np.ndarray:
         rows.append(
             [
                 *(share_beyond(delta, limit) for limit in LIMITS),
-                flagged(delta, share=SHARE),
+                flagged(delta),
                 significant,
                 found.changed,
             ]

@@ -153,9 +153,7 @@ class SimulatedSection:
         axis = self.tunnel.alignment
         right, along, up = axis.frame(self.chainage)
         frame = axis.position(self.chainage), right, up, along
-        return Section(
-            self.chainage, self.chainage, *frame, THICKNESS, np.arange(len(points)), *points.T
-        )
+        return Section(self.chainage, *frame, THICKNESS, np.arange(len(points)), *points.T)
 
 
 def simulated_sections(

@@ -38,17 +38,7 @@ def section_of(alpha, rho, w=None, thickness=0.05):
     frame = np.eye(3)
     u, v = rho * np.sin(alpha), rho * np.cos(alpha)
     return Section(
-        0.0,
-        0.0,
-        np.zeros(3),
-        frame[0],
-        frame[2],
-        frame[1],
-        thickness,
-        np.arange(len(alpha)),
-        u,
-        v,
-        w,
+        0.0, np.zeros(3), frame[0], frame[2], frame[1], thickness, np.arange(len(alpha)), u, v, w
     )
 
 
@@ -79,11 +69,12 @@ def test_sections_hold_the_points_between_the_planes_and_no_others(axis):
     for section in cut(points, axis, [3.0, 40.0, 3.02], thickness=0.3):
         w = (points - section.position) @ section.along
         # the plane of a curve meets it again elsewhere
-        near = np.abs(axis.foot(points) - section.y) < 5.0
+        y = axis.at_chainage(section.chainage)
+        near = np.abs(axis.foot(points) - y) < 5.0
         assert set(section.index) == set(np.flatnonzero((np.abs(w) <= 0.15) & near))
         assert np.allclose(section.w, w[section.index], atol=1e-9)
         assert np.allclose(section.rho, RADIUS, atol=1e-4)  # w²κ/2 of a curve
-        assert np.isclose(axis.chainage(section.y), section.chainage)
+        assert np.allclose(section.position, axis.position(y))
 
 
 def test_polar_coordinates_have_the_crown_at_zero_and_right_positive():
