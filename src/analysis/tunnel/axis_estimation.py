@@ -107,8 +107,8 @@ def _first_axis(points: np.ndarray, slab: float) -> Axis:
     if len(groups) < 3:
         raise ValueError(
             f"points: expected at least 3 slabs of {slab:g} m with 20 points or more, got "
-            f"{len(groups)} of {len(slabs)}; "
-            "are these metres, and the slabs long enough for the density?"
+            f"{len(groups)} of {len(slabs)}; are these metres, and the slabs long enough for the "
+            "density?"
         )
     quantiles = np.array([np.quantile(group[:, [0, 2]], [0.02, 0.98], axis=0) for group in groups])
     radius = 0.5 * np.median(np.diff(quantiles, axis=1))
@@ -124,11 +124,10 @@ def _first_axis(points: np.ndarray, slab: float) -> Axis:
 def _slab_centers(
     points: np.ndarray, axis: Axis, slab: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[float, float]]:
-    """Local y (K,), centres (K, 2) right and up of the axis, and their standard deviations (K,), of
-    the slabs that have one, m.
+    """Local y (K,), centres (K, 2) right and up of the axis, and their standard deviations (K,), m.
 
-    Also the local y at which the points of the first of these slabs begin and those of the last one
-    end.
+    Of the slabs that have a centre; and the local y at which the points of the first of these begin
+    and those of the last one end.
     """
     y, rho, alpha = axis.polar(points)
     of = np.floor(y / slab).astype(np.int64)
@@ -161,17 +160,13 @@ def _slab_centers(
 def _residuals_of_best_circle(X: np.ndarray, rho: np.ndarray) -> np.ndarray:
     """Residuals (K, J) of radii (K, J) from the trial circle with the least median |residual|.
 
-    Half of the radii cannot spoil it.
-
-    Each trial circle goes through three radii; there are trials at all places and of several
-    widths.
+    Half of the radii cannot spoil it. Each trial circle goes through three radii; there are trials
+    at all places and of several widths.
     """
     first = np.arange(0, CELLS, 2)
     openings = [round(degrees * CELLS / 360) for degrees in OPENINGS]
-    trials = (
-        np.concatenate([np.stack([first - by, first, first + by], axis=-1) for by in openings])
-        % CELLS
-    )
+    trials = np.concatenate([np.stack([first - by, first, first + by], -1) for by in openings])
+    trials %= CELLS
     circles = solve(X[trials], np.moveaxis(rho[:, trials], 0, -1))  # (S, 3, K)
     residuals = np.abs(rho - np.einsum("ji,sik->skj", X, circles))
     ordered = np.sort(np.nan_to_num(residuals, nan=np.inf), axis=-1)
@@ -184,9 +179,7 @@ def _residuals_of_best_circle(X: np.ndarray, rho: np.ndarray) -> np.ndarray:
 def _reweighted(X, Y, prior, residuals) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Robust linear regressions of rows Y (B, n), NaN where missing, on a common X (n, t).
 
-    They begin with residuals (B, n).
-
-    Bisquare weights on residuals over their MAD. Returns x (B, t), cofactor (B, t, t), scale (B,)
+    They begin with residuals (B, n); bisquare weights on residuals over their MAD. Returns x (B, t), cofactor (B, t, t), scale (B,)
     and the number of values in use (B,).
     """
     missing = np.isnan(Y)

@@ -61,14 +61,11 @@ class PixelGrid:
         circumference, length = 2.0 * np.pi * radius, end - start
         apart = max(KNOTS, np.sqrt(POINTS_A_KNOT * circumference * length / count))
         around, along = max(16, round(circumference / PIXEL)), max(4, round(length / PIXEL))
-        across = _periodic_basis(
-            (np.arange(around) + 0.5) / around, max(8, round(circumference / apart))
-        )
         return cls(
             start,
             end,
-            across,
-            _open_basis((np.arange(along) + 0.5) / along, max(1, round(length / apart))),
+            _periodic_basis(_centres(around), max(8, round(circumference / apart))),
+            _open_basis(_centres(along), max(1, round(length / apart))),
         )
 
     @property
@@ -78,17 +75,15 @@ class PixelGrid:
     def places(self, angle: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """α and w in pixels, from the edge of the first one."""
         rows, columns = self.shape
-        return (angle + np.pi) * (rows / (2.0 * np.pi)), (along - self.start) * (
-            columns / (self.end - self.start)
-        )
+        length = self.end - self.start
+        return (angle + np.pi) * (rows / (2.0 * np.pi)), (along - self.start) * (columns / length)
 
     def pixels(self, angle: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Number of the pixel each point lies in, (n,)."""
         rows, columns = self.shape
         i, j = self.places(angle, along)
-        return np.clip(i.astype(np.int64), 0, rows - 1) * columns + np.clip(
-            j.astype(np.int64), 0, columns - 1
-        )
+        row, column = np.clip(i.astype(np.int64), 0, rows - 1), j.astype(np.int64)
+        return row * columns + np.clip(column, 0, columns - 1)
 
     def interpolated(self, values: np.ndarray, angle: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Bilinear between the values (Pα, Pw) at the pixel centres."""
@@ -97,11 +92,8 @@ class PixelGrid:
         i, j = i - 0.5, np.clip(j - 0.5, 0.0, columns - 1.0)
         row, column = np.floor(i).astype(np.int64), np.minimum(j.astype(np.int64), columns - 2)
         x, y = i - row, j - column
-        flat, first, second = (
-            values.ravel(),
-            row % rows * columns + column,
-            (row + 1) % rows * columns + column,
-        )
+        flat = values.ravel()
+        first, second = row % rows * columns + column, (row + 1) % rows * columns + column
         below = flat[first] * (1.0 - y) + flat[first + 1] * y
         return below * (1.0 - x) + (flat[second] * (1.0 - y) + flat[second + 1] * y) * x
 
@@ -125,6 +117,11 @@ class PixelGrid:
         row, column = np.add.outer(p * m, r), np.add.outer(q * m, s)
         lower = row >= column
         return across, along, lower, (row - column)[lower], column[lower]
+
+
+def _centres(pixels: int) -> np.ndarray:
+    """Centres of equal pixels of [0, 1]."""
+    return (np.arange(pixels) + 0.5) / pixels
 
 
 def _overlapping(basis: csr_array) -> tuple[np.ndarray, csr_array]:
