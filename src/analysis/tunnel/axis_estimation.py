@@ -179,8 +179,8 @@ def _residuals_of_best_circle(X: np.ndarray, rho: np.ndarray) -> np.ndarray:
 def _reweighted(X, Y, prior, residuals) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Robust linear regressions of rows Y (B, n), NaN where missing, on a common X (n, t).
 
-    They begin with residuals (B, n); bisquare weights on residuals over their MAD. Returns x (B, t), cofactor (B, t, t), scale (B,)
-    and the number of values in use (B,).
+    They begin with residuals (B, n); bisquare weights on residuals over their MAD. Returns x
+    (B, t), cofactor (B, t, t), scale (B,) and the number of values in use (B,).
     """
     missing = np.isnan(Y)
     Y, root = np.where(missing, 0.0, Y), np.sqrt(prior)
