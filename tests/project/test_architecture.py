@@ -20,7 +20,7 @@ FLOORS = (
     ("checks",),
     ("adjustment and result", "scanner"),
     ("orthogonal", "similarity"),
-    ("surfaces",),
+    ("surfaces", "trust"),
     ("methods",),
     ("tunnel", "the public names"),
     ("__main__",),
