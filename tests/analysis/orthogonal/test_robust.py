@@ -181,7 +181,7 @@ def test_a_rejected_point_might_as_well_not_be_there():
 def test_without_any_rejection_it_is_the_geometric_fit():
     points = noisy_clouds(1, 200, np.random.default_rng(4))[0]
     robust, geometric = (
-        analysis.fit_sphere(points, k0=30.0, k1=40.0),
+        analysis.fit_sphere(points, k0=30.0, k1=40.0, bias_correction=False),
         analysis.fit_sphere(points, "geometric"),
     )
     np.testing.assert_array_equal(robust.weights, 1.0)
