@@ -80,10 +80,10 @@ def robust(
     """
     function = _weight_function(weight_function, k0, k1)
     check_whole_number(max_iterations, "max_iterations")
-    if cloud.count - cloud.model.degrees < FEWEST:
-        adjusted = adjust(cloud.model, cloud.observations(), cloud.start(), max_iterations)
-    else:
-        adjusted = _robust(cloud, seed, function, max_iterations)
+    if cloud.count - cloud.model.degrees < FEWEST:  # σ̂, and with it the bias, is hardly known
+        start, points = cloud.start(), cloud.observations()
+        return cloud.fit("robust", adjust(cloud.model, points, start, max_iterations))
+    adjusted = _robust(cloud, seed, function, max_iterations)
     if bias_correction:
         adjusted = without_bias(cloud, adjusted)
     return cloud.fit("robust", adjusted)
