@@ -88,12 +88,11 @@ def _section_legend() -> list:
     ]
 
 
-def errors(table: pd.DataFrame, limit_mm: float, stem: str) -> None:
+def errors(table: pd.DataFrame, stem: str) -> None:
     """Centre errors by method and scan beside the standard deviations that the fits claim; one
     panel a half-width of the table.
 
-    Methods that are not of this project, and variants, stand below the others. ``limit_mm``: what
-    is asked of ``robust``.
+    Methods that are not of this project, and variants, stand below the others.
     """
     half_widths = table["half_width_mm"].unique()
     scans = table["scan"].unique()
@@ -105,7 +104,6 @@ def errors(table: pd.DataFrame, limit_mm: float, stem: str) -> None:
         1, len(half_widths), height=1.3 + 0.27 * len(names), sharex=True, sharey=True, squeeze=False
     )
     for ax, half_width in zip(axes[0], half_widths, strict=True):
-        ax.axvline(limit_mm, color=TRUTH, linewidth=0.8, linestyle="--")
         for place, name in enumerate(names):
             chosen = table[
                 (table["method"] == name) & (table["half_width_mm"] == half_width)
@@ -158,7 +156,6 @@ def errors(table: pd.DataFrame, limit_mm: float, stem: str) -> None:
         markeredgewidth=1.4,
         label="sd of the centre, as the fit states it",
     )
-    ax.plot([], [], color=TRUTH, linewidth=0.8, linestyle="--", label=f"{limit_mm:g} mm")
     figure.legend(
         *ax.get_legend_handles_labels(),
         loc="outside lower center",

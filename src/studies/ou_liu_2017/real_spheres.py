@@ -32,13 +32,6 @@ REFERENCE_CENTERS = {  # m
     "SPH103": (-3.508773, 5.865925, -1.570917),
     "SPH107": (-5.880140, 3.631157, 0.040103),
 }
-# Asked of `robust` on whole scans: (radius free or held, error of) -> median and largest over the
-# scans, mm.
-LIMITS = {
-    ("free", "center"): (0.2, 0.4),
-    ("free", "radius"): (0.2, 0.3),
-    ("held", "center"): (0.05, 0.15),
-}
 WHOLE = np.inf  # half-width of the cut that leaves a scan as it is
 
 
@@ -151,28 +144,20 @@ def robust_fits(scans: Iterable[str], offset: Iterable[float]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def limits(table: pd.DataFrame) -> pd.DataFrame:
-    """Requirements on ``robust`` on the whole scans, beside the errors of a table of
-    :func:`robust_fits`, mm.
+def over_the_scans(table: pd.DataFrame) -> pd.DataFrame:
+    """Errors of a table of :func:`robust_fits` over the scans, one row per radius and offset.
+
+    Median and largest error of centre and radius in mm, and the RMS over the scans of the error of
+    the centre over its stated standard deviation, which would be near 1.
     """
     rows = []
-    for (radius, quantity), (median, largest) in LIMITS.items():
-        for offset in ("no", "yes"):
-            errors = table.loc[
-                (table["radius"] == radius) & (table["offset"] == offset), f"{quantity}_error_mm"
-            ].abs()
-            row = {
-                "radius": radius,
-                "error of the": quantity,
-                "offset": offset,
-                "median": errors.median(),
-                "asked": median,
-            }
-            holds = errors.max() <= largest and errors.median() <= median
-            rows.append(
-                row
-                | {"largest": errors.max(), "asked ": largest, "holds": "yes" if holds else "NO"}
-            )
+    for (radius, offset), fits in table.groupby(["radius", "offset"], sort=False):
+        row = {"radius": radius, "offset": offset}
+        for quantity in ("center", "radius"):
+            errors = fits[f"{quantity}_error_mm"].abs()
+            row |= {f"{quantity}, median": errors.median(), f"{quantity}, largest": errors.max()}
+        ratio = fits["center_error_mm"] / fits["sd_center_mm"]
+        rows.append(row | {"error/stated": np.sqrt(np.mean(ratio**2))})
     return pd.DataFrame(rows)
 
 

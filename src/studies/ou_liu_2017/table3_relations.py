@@ -193,10 +193,10 @@ def table() -> pd.DataFrame:
                 "sphere": found.sphere,
                 "methods": found.methods,
                 "printed": found.value,
-                "": found.sense,
+                "sense": found.sense,
                 "limit": found.limit,
                 "unit": found.unit,
-                "holds": "yes" if found.holds else "NO",
+                "holds": "yes" if found.holds else "no",
             }
             for found in every_relation()
         ]

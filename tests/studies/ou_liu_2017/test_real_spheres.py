@@ -118,15 +118,21 @@ def test_robust_finds_the_sphere_whole_wherever_it_stands(scans):
         table.loc[("free", "no"), "center_error_mm"], abs=1e-5
     )
     assert table.loc[("held", "no"), "radius_error_mm"] == pytest.approx(0, abs=1e-9)
-    limits = real_spheres.limits(table.reset_index())
-    assert len(limits) == 6 and (limits["holds"] == "yes").all()
 
 
-def test_a_limit_that_does_not_hold_is_told(scans):
-    table = real_spheres.robust_fits([SCAN], (0.0, 0.0, 0.0))
-    table.loc[table["radius"] == "held", "center_error_mm"] = 0.2
-    limits = real_spheres.limits(table)
-    assert (limits.loc[limits["radius"] == "held", "holds"] == "NO").all()
+def test_the_summary_is_over_the_scans():
+    table = pd.DataFrame(
+        {
+            "radius": "free",
+            "offset": "no",
+            "center_error_mm": [0.1, 0.3],
+            "radius_error_mm": [-0.2, 0.1],
+            "sd_center_mm": [0.1, 0.1],
+        }
+    )
+    row = real_spheres.over_the_scans(table).iloc[0]
+    assert (row["center, median"], row["radius, largest"]) == (0.2, 0.2)
+    assert row["error/stated"] == pytest.approx(np.sqrt(5.0))
 
 
 def test_peers_see_the_same_points(scans):

@@ -84,7 +84,7 @@ def test_sigma_0_over_expected_is_near_one_without_weights():
 def test_the_table_names_every_relation():
     table = table3_relations.table()
     assert len(table) == len(table3_relations.every_relation())
-    assert set(table["holds"]) == {"yes", "NO"}
+    assert set(table["holds"]) == {"yes", "no"}
 
 
 # ----------------------------------------------------------------- simulation
