@@ -243,7 +243,6 @@ def coverage_against_points(table: pd.DataFrame) -> None:
     surfaces = list(dict.fromkeys(table["surface"]))
     figure, axes = new(1, len(surfaces), height=3.2, sharey=True, sharex=True)
     for ax, surface in zip(axes, surfaces, strict=True):
-        ax.axhspan(93, 97, color="#E2E2E2", zorder=0)
         ax.axhline(95, color=TRUTH, linewidth=0.8)
         for method, rows in table[table["surface"] == surface].groupby("method", sort=False):
             bars = np.abs(rows[["low_percent", "high_percent"]].T - rows["held_percent"])
