@@ -38,9 +38,8 @@ FEW = 50  # redundancy up to which thresholds depend on it
 LARGE = 16_384
 SETTLED = 1e-10  # relative change of the scale
 NEARLY_FOUND = 0.1  # relative change of the scale, up to which a step of Newton is tried
-PATIENCE = (
-    20  # iterations after which steps are plain ones: where weights jump, others may go round
-)
+# iterations after which steps are plain ones: where weights jump, others may go round
+PATIENCE = 20
 LONGEST = 2.0  # Gauss-Newton steps, up to which it is trusted
 SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 LEAST_RATE = 0.03  # at which steps are taken to shrink, when the next one is foreseen
@@ -269,15 +268,16 @@ def _reweigh(function: WeightFunction, state: _State, weights: Array) -> Callabl
         weight = state.weights[:, part]
         u = np.sqrt(squares / np.maximum(1.0 - weight * q, SMALLEST_REDUNDANCY))
         weight = function.weight(u)
-        if q.max() > LIGHT:
+        heavy = early & (q.max(axis=-1, keepdims=True) > LIGHT)
+        if heavy.any():
             again = np.sqrt(squares / np.maximum(1.0 - weight * q, SMALLEST_REDUNDANCY))
-            u = np.where(early, again, u)
+            u = np.where(heavy, again, u)
             weight = function.weight(u)
         weights[:, part] = weight
         falling = np.nonzero((weight > 0.0) & (weight < 1.0))
         slope = np.zeros_like(weight)
-        part_slope = function.weight_slope(u[falling])
-        slope[falling] = part_slope / (1.0 - 0.5 * part_slope * q[falling])
+        theirs = function.weight_slope(u[falling])
+        slope[falling] = theirs / (1.0 - 0.5 * theirs * q[falling])
         return weight, slope
 
     return reweigh
@@ -321,4 +321,5 @@ def _newton(
     with np.errstate(invalid="ignore"):
         trusted = near & (np.linalg.norm(full[:, :t], axis=-1) <= LONGEST * length)
         trusted &= np.abs(change) <= LONGEST * np.abs(found - sigma)
-    return (np.where(trusted[:, None], full[:, :t], step), np.where(trusted, sigma + change, found))
+    step = np.where(trusted[:, None], full[:, :t], step)
+    return step, np.where(trusted, sigma + change, found)
