@@ -39,40 +39,26 @@ class Algorithm:
     takes_H_0: bool = False
 
 
-def _repeating(step: Callable) -> Callable:
-    """The algorithm that repeats a step of :mod:`~analysis.adjustment.steps`."""
-    return partial(iterate_to_convergence, step=step)
+def _step(label: str, source: str, colour: str, step: Callable) -> Algorithm:
+    return Algorithm(label, source, colour, partial(iterate_to_convergence, step=step))
+
+
+def _quasi_newton(label: str, source: str, colour: str, update: Callable) -> Algorithm:
+    return Algorithm(label, source, colour, partial(minimise, update=update), takes_H_0=True)
 
 
 # Colours: Okabe & Ito's eight, which colour-blind readers can tell apart.
 ALGORITHMS: dict[str, Algorithm] = {
-    "newton": Algorithm("Newton", "Fang 2013", "#000000", _repeating(newton_step)),
-    "bfgs": Algorithm(
-        "BFGS",
-        "Wu, Chen & Wang; Nocedal & Wright 2006",
-        "#D55E00",
-        partial(minimise, update=bfgs),
-        takes_H_0=True,
+    "newton": _step("Newton", "Fang 2013", "#000000", newton_step),
+    "bfgs": _quasi_newton("BFGS", "Wu, Chen & Wang; Nocedal & Wright 2006", "#D55E00", bfgs),
+    "dfp": _quasi_newton("DFP", "Davidon 1959; Fletcher & Powell 1963", "#E69F00", dfp),
+    "schaffrin_wieser": _step(
+        "Schaffrin-Wieser", "Schaffrin & Wieser 2008", "#0072B2", schaffrin_wieser_step
     ),
-    "dfp": Algorithm(
-        "DFP",
-        "Davidon 1959; Fletcher & Powell 1963",
-        "#E69F00",
-        partial(minimise, update=dfp),
-        takes_H_0=True,
+    "shen": _step("Shen, Li & Chen", "Shen, Li & Chen 2011; Neitzel 2010", "#56B4E9", shen_step),
+    "amiri_simkooei": _step(
+        "Amiri-Simkooei & Jazaeri", "Amiri-Simkooei & Jazaeri 2012", "#009E73", amiri_simkooei_step
     ),
-    "schaffrin_wieser": Algorithm(
-        "Schaffrin-Wieser", "Schaffrin & Wieser 2008", "#0072B2", _repeating(schaffrin_wieser_step)
-    ),
-    "shen": Algorithm(
-        "Shen, Li & Chen", "Shen, Li & Chen 2011; Neitzel 2010", "#56B4E9", _repeating(shen_step)
-    ),
-    "amiri_simkooei": Algorithm(
-        "Amiri-Simkooei & Jazaeri",
-        "Amiri-Simkooei & Jazaeri 2012",
-        "#009E73",
-        _repeating(amiri_simkooei_step),
-    ),
-    "fang": Algorithm("Fang", "Fang 2013, algorithm 1", "#CC79A7", _repeating(fang_step)),
-    "mahboub": Algorithm("Mahboub", "Mahboub 2012", "#999999", _repeating(mahboub_step)),
+    "fang": _step("Fang", "Fang 2013, algorithm 1", "#CC79A7", fang_step),
+    "mahboub": _step("Mahboub", "Mahboub 2012", "#999999", mahboub_step),
 }

@@ -39,9 +39,9 @@ class Ending(Enum):
 
 @dataclass(frozen=True)
 class Stack:
-    """Base of dataclasses whose fields are arrays with one leading axis, that of the problems.
+    """Base of dataclasses whose fields all have one leading axis, that of the problems.
 
-    A mask or an index over that axis selects from, or writes to, all of them together.
+    A mask or an index over it selects from, or writes to, all of them together.
     """
 
     def __len__(self) -> int:
@@ -57,10 +57,7 @@ class Stack:
 
 @dataclass(frozen=True)
 class Convergence:
-    """End of the iterations over a stack of problems.
-
-    iterations, converged, stop_reason : (…) number, whether it has converged, a sentence
-    """
+    """End of the iterations over a stack: their number, whether they converged, a sentence."""
 
     iterations: np.ndarray
     converged: np.ndarray
@@ -97,16 +94,13 @@ def iterate(
 ) -> tuple[State, Convergence]:
     """Repeat ``state, endings = advance(problem, state)`` until each problem of a stack has ended.
 
-    Parameters
-    ----------
     problem : anything that a mask over the leading axis selects from
     state : a :class:`Stack` with that leading axis (B, …)
     advance : gives the next state and the problems (B,) bool that each ending applies to; where
         several do, the first
     tolerance : what the sentence of the ending names, where it does
 
-    A problem that has ended is left as it is and costs nothing more, so that it comes out the same
-    in a stack of any size.
+    A problem that has ended is left as it is, so that it comes out the same in a stack of any size.
     """
     count = len(state)
     # Made when the first of several has ended: a single state, which may be large, is not doubled.

@@ -12,11 +12,8 @@ import numpy as np
 def unit_weight_sd(objective, redundancy: int):
     """Unit-weight standard deviation ``σ0 = √(Φ / (n − t))``.
 
-    Parameters
-    ----------
-    objective : (…) weighted sum of squared residuals Φ, in the unit of its residuals squared.
-    redundancy : n − t, the number of observations less the number of parameters. With no
-        redundancy σ0 is not defined and comes back as NaN.
+    objective : (…) weighted sum of squared residuals Φ, in the unit of its residuals squared
+    redundancy : n − t, observations less parameters; with none σ0 is not defined and NaN
 
     Source: Ou & Liu 2017, eq. (18), left.
 
@@ -53,8 +50,7 @@ def propagate(cofactor: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
 def solve(N: np.ndarray, right: np.ndarray) -> np.ndarray:
     """``N x = right`` for a stack; a singular system gives NaN and leaves the others alone.
 
-    ``right`` is a stack of matrices ``(…, m, k)``. (numpy gives up the whole stack when one
-    member is singular, and that one is all a caller wants to know about.)
+    ``right`` is a stack of matrices ``(…, m, k)``. (numpy alone gives up the whole stack.)
 
     >>> solve(np.array([[[2.0]], [[0.0]]]), np.array([[[1.0]], [[1.0]]])).ravel()
     array([0.5, nan])
@@ -63,8 +59,7 @@ def solve(N: np.ndarray, right: np.ndarray) -> np.ndarray:
         return np.linalg.solve(N, right)
     except np.linalg.LinAlgError:
         lead = np.broadcast_shapes(N.shape[:-2], right.shape[:-2])
-        N = np.broadcast_to(N, lead + N.shape[-2:])
-        right = np.broadcast_to(right, lead + right.shape[-2:])
+        N, right = (np.broadcast_to(one, lead + one.shape[-2:]) for one in (N, right))
         solution = np.full(right.shape, np.nan)
         for index in np.ndindex(lead):
             try:

@@ -3,8 +3,8 @@
     x⁺ = x + α d,    d = −H ∇Φ(x),    H ≈ (∇²Φ)⁻¹                  (Wu, Chen & Wang)
 
 H is improved from iteration to iteration by the :func:`bfgs` or the :func:`dfp` formula, α found by
-a :func:`line_search`. Everything goes along with a whole stack, each problem with its own H and α.
-Inside, ``f = Φ/2`` is minimised, whose gradient and Hessian the other solvers use.
+a :func:`line_search`, for each problem of a stack its own. What is minimised is ``f = Φ/2``, whose
+gradient and Hessian the other solvers use.
 """
 
 from __future__ import annotations
@@ -27,9 +27,7 @@ TRIALS = 60  # steps tried along a direction before it is given up
 
 
 def bfgs(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """``(I − ρ s vᵀ) H (I − ρ v sᵀ) + ρ s sᵀ`` with ``ρ = 1/(vᵀs)``.
-
-    s is the step and v the change of the gradient.
+    """``(I − ρ s vᵀ) H (I − ρ v sᵀ) + ρ s sᵀ``, ``ρ = 1/(vᵀs)``: step s, change v of the gradient.
 
     Source: Broyden, Fletcher, Goldfarb and Shanno 1970; Nocedal & Wright 2006, eq. (6.17).
 
@@ -46,10 +44,6 @@ def dfp(H: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
     """``H + s sᵀ/(sᵀv) − H v vᵀH/(vᵀHv)`` for the step s and the change v of the gradient.
 
     Source: Davidon 1959; Fletcher & Powell 1963; Nocedal & Wright 2006, eq. (6.15).
-
-    >>> H = dfp(np.eye(2), np.array([1.0, 1.0]), np.array([2.0, 4.0]))
-    >>> (H @ np.array([2.0, 4.0])).round(12)
-    array([1., 1.])
     """
     Hv = _times(H, v)
     vs, vHv = _dot(s, v)[..., None, None], _dot(v, Hv)[..., None, None]
@@ -79,16 +73,13 @@ def minimise(
 ) -> tuple[np.ndarray, Convergence]:
     """Minimise Φ from x (B, m) for a stack of problems.
 
-    Parameters
-    ----------
     update : :func:`bfgs` or :func:`dfp`; left out where ``vᵀs ≤ 1e-12 |v||s|``, so that H stays
-        positive definite.
+        positive definite
     tolerance : relative length below which both the last step and the Gauss-Newton step that would
-        be next have to fall. (With an H that is still far too small the last step says nothing.)
-    watch : called with every x and the number of steps tried along its direction.
+        be next have to fall (with an H that is still far too small the last step says nothing)
+    watch : called with every x and the number of steps tried along its direction
     H_0 : (B, m, m) inverse Hessian of f to begin with, or None for Gauss-Newton's ``(ÃᵀWÃ)⁻¹`` at
-        the start. That is taken up again where rounding has spoilt H so far that d does not lead
-        downhill.
+        the start, which also replaces an H that no longer leads downhill
     """
 
     def advance(problem: EIVProblem, state: _State):
@@ -134,19 +125,16 @@ def minimise(
 def line_search(problem: EIVProblem, x, d, value, gradient):
     """Step lengths α (B,) along d that meet the strong Wolfe conditions.
 
-    With ``φ(α) = f(x + α d)``, f = Φ/2, they are
+    With ``φ(α) = f(x + α d)`` they are ``φ(α) ≤ φ(0) + c1 α φ'(0)`` and ``|φ'(α)| ≤ c2 |φ'(0)|``.
+    Where rounding hides the fall of φ near the minimum, ``φ'(α) ≤ (2δ − 1) φ'(0)`` and a φ(α) that
+    is φ(0) to rounding may stand for the first; without that x would be good to half of its digits
+    only. A bracket, α = 1 first, is widened by the secant of φ' until it holds such a step, and
+    then narrowed.
 
-        φ(α) ≤ φ(0) + c1 α φ'(0)    and    |φ'(α)| ≤ c2 |φ'(0)|
+    problem : stack of B problems; x, d : (B, m); value, gradient : (B,), (B, m) of f at x
 
-    or, where rounding hides the fall of φ near the minimum, ``φ'(α) ≤ (2δ − 1) φ'(0)`` and a φ(α)
-    that is φ(0) to rounding in place of the first. Without that, the search ends where φ falls by
-    less than its last digits, and x is good to half of its digits only. A bracket, α = 1 first, is
-    widened by the secant of φ' until it holds such a step, and then narrowed.
-
-    problem : stack of B problems; x, d : (B, m); value, gradient : (B,), (B, m) of f at x.
-
-    Returns α, the value and the gradient of f at x + α d, and the number of steps tried, (B,).
-    Where none is found α is 0.
+    Returns α, 0 where none is found, the value and the gradient of f at x + α d, and the number of
+    steps tried, (B,).
 
     Source: Nocedal & Wright 2006, section 3.5; Hager & Zhang 2005, eqs. (1.6)-(1.8).
     """
@@ -181,11 +169,10 @@ def line_search(problem: EIVProblem, x, d, value, gradient):
 
 @np.errstate(divide="ignore", invalid="ignore")  # a bracket without an upper end is infinite
 def _next_trial(low: np.ndarray, high: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Step length at which φ' should vanish.
+    """Step length at which φ' should vanish: by a parabola where φ has risen, else by its secant.
 
     Within the bracket, at least 0.1 of its width from its ends; with no upper end yet, 2 to 10
-    times the lower. By the parabola through φ, φ' and φ where φ has risen, else (it has not, or
-    rounding hides it) by the secant of φ'.
+    times the lower.
     """
     (a, phi, steep), (b, end_phi, end_steep) = low, high
     width = b - a

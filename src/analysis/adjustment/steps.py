@@ -5,8 +5,8 @@ the gradient is ``½∇Φ = −Ãᵀλ``, and every iteration known for the prob
 
     x⁺ = x + N⁻¹ Ãᵀλ
 
-They differ only in the matrix N that stands for half the Hessian, hence in speed and not in the
-solution (W = S⁻¹, B = A less the slope of S, V = Σ λ² Q):
+with another matrix N for half the Hessian, hence another speed and the same solution (W = S⁻¹, B =
+A less the slope of S, V = Σ λ² Q):
 
 ====================  ==============  =================================================
 step                  N               source
@@ -19,10 +19,8 @@ fang                  AᵀWA            Fang 2013, algorithm 1
 mahboub               ÃᵀWA            Mahboub 2012
 ====================  ==============  =================================================
 
-The sources print most of them as ``x⁺ = N⁻¹(…)``. The increment is the same and loses less to
-rounding.
-
-A step takes a problem or a stack of them and x (…, m), and returns x⁺; where N is singular, NaN.
+The sources print most of them as ``x⁺ = N⁻¹(…)``; the increment loses less to rounding. A step
+takes a problem or a stack of them and x (…, m), and returns x⁺; where N is singular, NaN.
 
 A line with errors in the second column of A and in y:
 
@@ -58,14 +56,12 @@ Misclosures: TypeAlias = tuple[np.ndarray, np.ndarray]
 
 
 class Evaluation:
-    """Evaluation of a problem at x (…, m): ``z = (−x, 1)``, misclosures ``r = y − A x``, s or S.
+    """Evaluation of a problem at x (…, m): z, misclosures r, s or S, and what follows from them.
 
-    From these follow the multipliers ``λ = S⁻¹r``, the predicted errors Ẽ, the value of Φ and its
-    derivatives.
+    known : :func:`misclosures` at x where a caller has them already
     """
 
     def __init__(self, problem: EIVProblem, x: np.ndarray, known: Misclosures | None = None):
-        """``known`` are z and r at x where a caller has them already."""
         self.x, self.rows, self.cofactors = x, problem.rows, problem.cofactors
         self.columns = problem.rows[..., :-1, :]
         self.z, self.r = known or misclosures(problem, x)
@@ -136,7 +132,7 @@ def derivatives(problem: EIVProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
     ``½∇Φ = −Ãᵀλ``, ``½∇²Φ = BᵀS⁻¹B − V`` with ``B = A − slope``.
 
-    Source: Fang 2013, for independent rows; the slope is that of S in full.
+    Source: Fang 2013, for independent rows; here the slope is that of S in full.
     """
     at = Evaluation(problem, x)
     B = at.columns - at.slope

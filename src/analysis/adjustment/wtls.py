@@ -1,8 +1,7 @@
 """Linear adjustment when the design matrix has errors too: LS, TLS, mixed LS-TLS, WTLS.
 
-All take ``A (…, n, m)`` and ``y (…, n)`` and leave them as they are.
-The closed forms reduce the rows to one triangular factor, block by block, and go on from
-its m + 1 rows: memory stays at a block and no moment matrix squares the condition.
+All take ``A (…, n, m)`` and ``y (…, n)`` and leave them as they are. The rows are reduced to one
+triangular factor, block by block: the closed forms go on from its m + 1 rows.
 """
 
 from __future__ import annotations
@@ -25,11 +24,9 @@ from .steps import misclosures, objective, only_minima
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Course of an iteration, with its start as number 0.
+    """Course of an iteration, the start as number 0: x (k+1, m) and the objective Φ (k+1,).
 
-    x : (k+1, m) parameters; objective : (k+1,) Φ there
-    trials : (k+1,) steps tried along the direction of search; 1 for an algorithm that does not
-        search
+    trials : (k+1,) steps tried along the direction of search; 1 where there is no search
     """
 
     x: np.ndarray
@@ -63,33 +60,25 @@ class Estimate:
         return np.asarray(self.sigma_0)[..., None, None] ** 2 * self.cofactor
 
 
-# ------------------------------------------------------------------------------ closed forms
-
-
 def triangular_factor(blocks: Iterable[np.ndarray]) -> np.ndarray:
     """Upper triangular R with ``RᵀR = Σ (block)ᵀ(block)`` over blocks of rows ``(…, k, m)``.
 
-    QR of each block, then of the stacked factors: the condition is that of the rows, not its
-    square, and no more than one block is in memory.
+    QR of each block, then of the stacked factors, so that no moment matrix squares the condition.
 
     >>> A = np.array([[3.0, 1.0], [4.0, 2.0], [0.0, 5.0]])
     >>> R = triangular_factor([A[:2], A[2:]])
     >>> bool(np.allclose(R.T @ R, A.T @ A))
     True
     """
-    factors = [_triangle(block) for block in blocks]
-    if len(factors) == 1 and factors[0].shape[-2] >= factors[0].shape[-1]:
-        return factors[0]
+    factors = [np.linalg.qr(block, mode="r") for block in blocks]
     stacked = np.concatenate(factors, axis=-2)
-    missing = stacked.shape[-1] - stacked.shape[-2]
-    if missing > 0:  # fewer rows than columns: rows of zeros change no product
-        zeros = np.zeros(stacked.shape[:-2] + (missing, stacked.shape[-1]))
+    rows, columns = stacked.shape[-2:]
+    if rows < columns:  # rows of zeros change no product
+        zeros = np.zeros(stacked.shape[:-2] + (columns - rows, columns))
         stacked = np.concatenate([stacked, zeros], axis=-2)
-    return _triangle(stacked)
-
-
-def _triangle(rows: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+    elif len(factors) == 1:
+        return stacked
+    return np.asarray(np.linalg.qr(stacked, mode="r"))
 
 
 def ls(A, y, weights=None) -> Estimate:
@@ -97,14 +86,12 @@ def ls(A, y, weights=None) -> Estimate:
 
     Parameters
     ----------
-    A : (…, n, m), n ≥ m, of full column rank.
-    y : (…, n)
+    A : (…, n, m), n ≥ m, of full column rank; y : (…, n)
     weights : (n,) or (…, n) positive P, or None for ones.
 
     Raises
     ------
-    ValueError : wrong shapes, NaN or infinity, weights that are not positive, columns that depend
-        on one another.
+    ValueError : wrong shapes, NaN or infinity, weights that are not positive, dependent columns.
 
     Example
     -------
@@ -125,9 +112,7 @@ def tls(A, y) -> Estimate:
     """Total least squares by SVD, ``min Σ r² / (1 + |x|²)``: equal independent errors in A and y.
 
     ``[A | y] = U Σ Vᵀ``, ``x = −V[:m, m] / V[m, m]``. σ0 = σ_min/√(n − m) is the standard
-    deviation of one element of ``[A | y]``.
-
-    Parameters and errors as of :func:`ls`, without weights.
+    deviation of one element of ``[A | y]``. Parameters, errors: as of :func:`ls`, without weights.
 
     Source: Golub & Van Loan 1980; Van Huffel & Vandewalle 1991, algorithm 3.1.
 
@@ -150,9 +135,7 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
     A : (…, n, m); y : (…, n)
     exact_columns : indices of the columns without errors (a column of ones, say).
 
-    Raises
-    ------
-    ValueError : as :func:`ls`, and an index that is no column or occurs twice.
+    Errors as of :func:`ls`; ValueError for an index that is no column or occurs twice.
 
     Source: Van Huffel & Vandewalle 1991, algorithm 3.2.
 
@@ -180,8 +163,7 @@ def mixed_ls_tls(A, y, exact_columns=()) -> Estimate:
     scale = 1.0 + np.sum(x2**2, axis=-1)
     N = np.empty(R.shape[:-2] + (m, m))
     N[..., np.array(order)[:, None], order] = R[..., :m, :m].mT @ R[..., :m, :m]
-    masked = np.zeros_like(x)
-    masked[..., noisy] = x2
+    masked = np.where(np.isin(range(m), noisy), x, 0.0)
     N -= (objective / scale)[..., None, None] * masked[..., :, None] * masked[..., None, :]
     cofactor = scale[..., None, None] * cofactor_from_normal(N)
     return Estimate(x, cofactor, objective, unit_weight_sd(objective, rows.shape[-1] - m))
@@ -195,9 +177,6 @@ def smallest_singular_solution(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     with np.errstate(divide="ignore", invalid="ignore"):
         x = -v[..., :-1] / v[..., -1:]
     return x, singular[..., -1] ** 2
-
-
-# ---------------------------------------------------------------------------------- iterated
 
 
 def wtls(
@@ -322,9 +301,6 @@ def wtls(
     return Estimate(**shaped, history=course)
 
 
-# ---------------------------------------------------------------------------------- in and out
-
-
 def _rows(A, y) -> np.ndarray:
     """``[A | y]`` as ``(…, m+1, n)``, checked; a copy, one array per column."""
     A, y = finite_array(A, "A"), finite_array(y, "y")
@@ -367,7 +343,7 @@ def _require_errors(problem: EIVProblem, x: np.ndarray) -> None:
         )
     if dense:
         roots = np.sqrt(variances)
-        smallest = np.linalg.eigvalsh(s / (roots[..., :, None] * roots[..., None, :]))[..., 0].min()
+        smallest = np.linalg.eigvalsh(s / (roots[..., :, None] * roots[..., None, :])).min()
         if smallest < 16 * np.finfo(float).eps:
             raise ValueError(
                 "cofactors: expected misclosures with a positive definite correlation matrix, "
@@ -429,12 +405,10 @@ def _symmetric(values, shapes: list[tuple[int, ...]], name: str) -> np.ndarray:
         raise ValueError(
             f"{name}: expected shape {' or '.join(map(str, shapes))}, got {array.shape}"
         )
-    transposed = array.swapaxes(-1, -2)
-    if not np.allclose(array, transposed, rtol=1e-9, atol=1e-12 * np.abs(array).max()):
-        difference = np.abs(array - transposed).max()
+    if not np.allclose(array, array.mT, rtol=1e-9, atol=1e-12 * np.abs(array).max()):
         raise ValueError(
             f"{name}: expected symmetric matrices, "
-            f"got a difference of {difference:.3g} to the transpose"
+            f"got a difference of {np.abs(array - array.mT).max():.3g} to the transpose"
         )
     smallest = np.diagonal(array, axis1=-2, axis2=-1).min()
     if smallest < 0:
