@@ -34,6 +34,7 @@ def name_of(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+PAPERS = ("ou_liu_2017", "wu_chen_wang", "li_2015")
 MODULES = {name_of(path): path for path in sorted(SRC.rglob("*.py"))}
 
 
@@ -79,6 +80,19 @@ def test_imports_go_down_only(name):
     allowed = BELOW[name.partition(".")[0]]
     used = {other.partition(".")[0] for other in imports_of(name, ast.walk)}
     assert used <= allowed, f"{name} imports {used - allowed}"
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+def test_no_paper_imports_from_another(paper):
+    own = [name for name in MODULES if name.startswith(f"studies.{paper}.")]
+    assert own
+    others = tuple(f"studies.{other}" for other in PAPERS if other != paper)
+    assert not [
+        (name, used)
+        for name in own
+        for used in imports_of(name, ast.walk)
+        if used.startswith(others)
+    ]
 
 
 def solvers():

@@ -15,9 +15,9 @@ from analysis.export.figures import GREY, GROSS, headed, new
 from analysis.methods import PLANE_METHODS
 from analysis.surfaces.plane import PlaneFit
 
+from ..convergence import RUNS, problems
 from ..publish import publish
 from ..simulation.scenes import Scan
-from ..wu_chen_wang.convergence import RUNS, problems
 from ..wu_chen_wang.ground_scan import COMPARED, truth
 
 STEM = "08_plane_scan"

@@ -102,7 +102,7 @@ def cleaning(table: pd.DataFrame, printed: pd.DataFrame, stem: str) -> None:
 
     One curve a method and scanner, its marks the half-widths to which the scan was cleaned.
 
-    table : of `table3.cleanings`; printed : of `table3.printed_settings`.
+    table : of `table3_settings.cleanings`; printed : of `table3_settings.printed_settings`.
     """
     figure, axes = new(1, 2, height=4.3, sharex=True, sharey=True)
     range_sds = table["range_sd_mm"].unique()

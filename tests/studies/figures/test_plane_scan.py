@@ -10,9 +10,10 @@ from matplotlib import pyplot
 from analysis.adjustment.algorithms import ALGORITHMS
 from analysis.methods import PLANE_METHODS
 from analysis.scanner import LEICA_C10
+from studies import convergence
 from studies.figures import plane_scan as figures
 from studies.simulation.scenes import redraw
-from studies.wu_chen_wang import convergence, ground_scan
+from studies.wu_chen_wang import ground_scan
 
 from . import exported
 

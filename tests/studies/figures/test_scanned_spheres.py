@@ -6,7 +6,7 @@ from matplotlib import pyplot
 
 from analysis.methods import SPHERE_METHODS
 from studies.figures import scanned_spheres as figures
-from studies.ou_liu_2017 import table3
+from studies.ou_liu_2017 import table3, table3_settings
 
 from . import exported
 
@@ -53,7 +53,7 @@ def test_cleaning():
         for width in (0.0, 5.0, 10.0)
     ]
     table = pd.DataFrame(rows)
-    printed = table3.printed_settings()
+    printed = table3_settings.printed_settings()
     figures.cleaning(table, printed, "04_test_scanned_cleaning")
     assert len(exported("04_test_scanned_cleaning")) == len(table) + len(printed)
     for ax, sphere in zip(pyplot.gcf().axes, ("I", "II"), strict=True):

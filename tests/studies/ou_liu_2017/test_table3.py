@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis import fit_sphere
-from studies.ou_liu_2017 import table3, table3_relations
+from studies.ou_liu_2017 import table3, table3_relations, table3_settings
 from studies.ou_liu_2017.printed_tables import LABELS, values
 from studies.ou_liu_2017.table3 import CLEANED, HELD, RAW, WITH_COFACTORS
 from studies.ou_liu_2017.table3_relations import RADIUS, SAMPLES
@@ -178,14 +178,14 @@ def test_printed_errors_leave_out_the_centre_that_is_the_truth():
 
 
 def test_cleaning_leaves_fewer_points_and_other_readings_reject_more(targets):
-    table = table3.cleanings([0.002], [0, 0.01, 0.04], 10, SEED, **ASSUMED)
+    table = table3_settings.cleanings([0.002], [0, 0.01, 0.04], 10, SEED, **ASSUMED)
     for _, rows in table.groupby("sphere"):
         assert (
             rows["points"].is_monotonic_increasing
             and rows["points"].iloc[0] == rows["points"].min()
         )
         assert rows["ls_radius_mm"].is_monotonic_increasing
-    readings = table3.readings(targets, [0], ["rms", "rms_w"], 10, SEED).set_index(
+    readings = table3_settings.readings(targets, [0], ["rms", "rms_w"], 10, SEED).set_index(
         ["sphere", "scale", "cumulative"]
     )
     assert readings.loc[("II", "rms_w", True), "used"] < readings.loc[("II", "rms", True), "used"]

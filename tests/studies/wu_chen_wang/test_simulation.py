@@ -10,8 +10,9 @@ import pytest
 from analysis import fit_plane
 from analysis.scanner import LEICA_C10
 from analysis.surfaces.plane_eiv import incidence_cosines
+from studies import convergence
 from studies.simulation.scenes import redraw
-from studies.wu_chen_wang import clouds, convergence, errors, ground_scan, recovery, simulation
+from studies.wu_chen_wang import clouds, errors, ground_scan, recovery, simulation
 from studies.wu_chen_wang.clouds import PLANE, PLANE_SIDE, PLANE_SIGMA
 
 SCANNER = replace(LEICA_C10, max_incidence=np.deg2rad(89.0))

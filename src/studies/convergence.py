@@ -24,9 +24,9 @@ from analysis.adjustment.wtls import Estimate, wtls
 from analysis.methods import fit_plane
 from analysis.surfaces.plane_eiv import incidence_cosines
 
-from ..ou_liu_2017.clouds import read_sphere_cloud
-from ..ou_liu_2017.readings import design
-from .clouds import read_plane_runs
+from .ou_liu_2017.clouds import read_sphere_cloud
+from .ou_liu_2017.readings import design
+from .wu_chen_wang.clouds import read_plane_runs
 
 DENSE_ROWS = 40
 SEED = 40
