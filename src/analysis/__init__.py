@@ -18,7 +18,7 @@ from .methods import (
     fit_sphere,
 )
 from .orthogonal.reliability import Reliability, data_snooping, reliability
-from .reading import read_points
+from .reading import Scan, read_points, read_scan
 from .result import ConvergenceWarning, Fit
 from .similarity import Similarity, fit_similarity
 from .surfaces.cylinder import CylinderFit
@@ -44,6 +44,7 @@ __all__ = [
     "PlaneFit",
     "Reliability",
     "Similarity",
+    "Scan",
     "SphereFit",
     "data_snooping",
     "fit_ellipse",
@@ -54,6 +55,7 @@ __all__ = [
     "ls",
     "mixed_ls_tls",
     "read_points",
+    "read_scan",
     "reliability",
     "tls",
     "wtls",

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from .methods import PLANE_METHODS, SPHERE_METHODS, Method, fit_plane, fit_sphere
-from .reading import read_points
+from .reading import UNITS, Report, read_scan
 from .result import Fit, ignore_convergence_warnings
 from .surfaces.plane import PlaneFit
 from .surfaces.sphere import SphereFit
@@ -96,18 +96,19 @@ def _fit(options: argparse.Namespace) -> int:
     fixed = {name: getattr(options, name) for name in surface.fixed}
     try:
         with ignore_convergence_warnings():  # the report says it
-            fit = surface.fit(read_points(options.file), options.method, **fixed)
+            points, reading = read_scan(options.file, columns=options.columns, unit=options.unit)
+            fit = surface.fit(points, options.method, **fixed)
     except ValueError as error:
         raise ValueError(_after(options.file, str(error))) from error
     if options.json:
-        print(json.dumps(record(fit, surface, options.file), allow_nan=False))
+        print(json.dumps(record(fit, surface, options.file, reading), allow_nan=False))
     else:
-        print(report(fit, surface, options.file))
+        print(report(fit, surface, options.file, reading))
     unusable = any(check.decisive and not check.passed for check in fit.checks())
     return 1 if unusable or not fit.converged else 0
 
 
-def report(fit: Fit, surface: Surface, file: str) -> str:
+def report(fit: Fit, surface: Surface, file: str, reading: Report) -> str:
     """The result for a reader: aligned plain text with units, a dash for what is not defined."""
     method = surface.methods[fit.method]
     rows = [
@@ -130,16 +131,17 @@ def report(fit: Fit, surface: Surface, file: str) -> str:
         ("iterations", f"{fit.iterations}", str(fit.stop_reason)),
     ]
     width, indent = (max(len(row[column]) for row in rows) for column in (1, 0))
-    lines = [f"{file}", f"{method.label} ({method.citation})", ""]
+    lines = [f"{file}: {reading}", f"{method.label} ({method.citation})", ""]
     lines += [f"{name:<{indent}}  {value:>{width}}  {remark}" for name, value, remark in rows]
     spoken = [str(check) for check in fit.checks() if not check.passed]
     return "\n".join([*lines, "", *spoken] if spoken else lines)
 
 
-def record(fit: Fit, surface: Surface, file: str) -> dict:
+def record(fit: Fit, surface: Surface, file: str, reading: Report) -> dict:
     """The result for a program: lengths in m, nothing rounded; null for what is not defined."""
     values = {
         "file": file,
+        "reading": asdict(reading),
         "method": fit.method,
         **{name: getattr(fit, name) for name in surface.quantities},
         "parameters": fit.parameters,
@@ -183,8 +185,18 @@ def _parser() -> argparse.ArgumentParser:
         )
         command.add_argument(
             "file",
-            help="scan: x y z of one point a line (.xyz .txt .csv .pts .asc), "
-            "or .las .laz .ply .e57; in m",
+            help="scan: x y z of one point per line (.xyz .txt .csv .pts .asc .dat .xyzi, "
+            "also .gz), or .ptx .pcd .ply .las .laz .e57",
+        )
+        command.add_argument(
+            "--columns",
+            type=_columns,
+            metavar="X,Y,Z",
+            help="columns of x, y, z in a text file, counted from 1, for example 2,3,4 "
+            "(default: by its heading, else the first three)",
+        )
+        command.add_argument(
+            "--unit", choices=UNITS, help="unit of the file (default: as its heading says, else m)"
         )
         command.add_argument(
             "--method",
@@ -210,6 +222,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _columns(text: str) -> tuple[int, ...]:
+    return tuple(int(word) for word in text.split(","))
+
+
 def _number(value, form: str) -> str:
     return format(float(value), form) if math.isfinite(value) else "–"
 
@@ -219,7 +235,7 @@ def _plain(value):
     if isinstance(value, dict):
         return {name: _plain(item) for name, item in value.items()}
     value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 

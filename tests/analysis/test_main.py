@@ -42,7 +42,7 @@ def test_text(method, scan, capsys):
     assert printed.err == ""
     fit = fit_sphere(read_points(scan), method)
     lines = printed.out.splitlines()
-    assert lines[0] == scan and SPHERE_METHODS[method].label in lines[1]
+    assert lines[0].startswith(f"{scan}: 300 points; ") and SPHERE_METHODS[method].label in lines[1]
     sd = 1e3 * fit.standard_deviations
     assert lines[3].split() == [
         "centre",
@@ -89,9 +89,9 @@ def test_the_default_method_is_that_of_the_function(scan, capsys):
 
 def test_without_redundancy_the_standard_deviations_are_not_defined(tmp_path, capsys):
     path = tmp_path / "four.xyz"
-    path.write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n")
+    path.write_text("1 1 1\n2 1 1\n1 2 1\n1 1 2\n")
     assert main(["fit", "sphere", str(path), "--method", "ls"]) == 0
-    assert "0.50000 m  ± – mm" in capsys.readouterr().out
+    assert "1.50000 m  ± – mm" in capsys.readouterr().out
     assert main(["fit", "sphere", str(path), "--method", "ls", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["standard_deviations"] == [None] * 4
 
@@ -132,6 +132,20 @@ def test_bad_files(tmp_path, capsys):
         f"analysis: {text}: line 2: expected finite numbers x, y, z"
     )
     assert "expected a file ending in" in fail(capsys, "fit", "sphere", str(tmp_path))
+
+
+def test_columns_and_unit_are_told_and_reported(tmp_path, scan, capsys):
+    points = read_points(scan)
+    path = tmp_path / "numbered.txt"
+    np.savetxt(path, np.column_stack([np.arange(300), 1e3 * points]), fmt="%d %.2f %.2f %.2f")
+    assert "--columns 2,3,4" in fail(capsys, "fit", "sphere", str(path))
+    command = ["fit", "sphere", str(path), "--columns", "2,3,4", "--unit", "mm", "--json"]
+    assert main(command) == 0
+    found = json.loads(capsys.readouterr().out)
+    np.testing.assert_allclose(found["center"], fit_sphere(points).center, rtol=0, atol=1e-9)
+    assert found["reading"]["columns"] == [2, 3, 4] and found["reading"]["unit"] == "mm"
+    assert main(command[:-1]) == 0
+    assert "x y z in columns 2,3,4 (given); unit mm (given)" in capsys.readouterr().out
 
 
 def test_bad_data(tmp_path, capsys):

@@ -1,150 +1,277 @@
-"""Text: one point per line, with or without headings, comments and further columns."""
+"""Text: one point per line, with or without headings, comments and further columns.
+
+The form of the table (separator, decimal mark, columns) is found in the head of the file and holds
+for all of it; a row that does not fit it is refused with its line.
+"""
 
 from __future__ import annotations
 
-import csv
-import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-COMMENTS = ("#", "//")
+from .columns import (
+    Choice,
+    ask,
+    axis_and_unit,
+    by_heading,
+    is_number,
+    is_unit,
+    show,
+    without_heading,
+)
+from .lines import Lines, Table, cells_of, opened, places, shortened
+from .report import Raw, shown, without_missing
+
+SAMPLE = 200  # rows from which the form of the table is found
+SEPARATORS = (";", "\t", ",", None)
+NAMED = {";": "semicolons", "\t": "tabs", ",": "commas", None: "blanks"}
+OTHERS = "ply off coff noff solid ncols nrows lasf version # .pcd".split()
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Layout of a text file: found in its head, true for all of it."""
+def read_text(path: Path, columns: tuple[int, ...] | None = None) -> Raw:
+    """Read the points of a text file; ``columns`` of x, y, z, where told, count from 1."""
+    blocks = path.name.lower().removesuffix(".gz").endswith(".pts")
+    left_out: Counter[str] = Counter()
+    parts: list[np.ndarray] = []
+    form: _Form | None = None
+    counts: list[tuple[int, int, int]] = []  # line, points announced, points before
+    seen = 0
+    with opened(path) as file:
+        lines = Lines(file)
+        for text in lines:
+            number = lines.number
+            if form is None:
+                form = _Form.of(text, columns, blocks)
+                if form.count is not None:
+                    counts.append((*form.count, 0))
+                skipped = form.first - 1
+                text = text.split("\n", skipped)[-1] if skipped else text
+                number += skipped
+            numbers = form.table.numbers(text)
+            if numbers is None:
+                numbers, found = form.rows(text, number, blocks, lines.unfinished)
+                counts += [(line, count, seen + before) for line, count, before in found]
+            seen += len(numbers)
+            parts.append(without_missing(numbers, left_out))
+    if form is None:
+        raise ValueError("the file is empty")
+    points = np.concatenate(parts)
+    remarks = [*form.remarks, *_announced(counts, seen)]
+    if lines.unfinished and form.table.columns[-1] == form.table.width - 1:
+        remarks.append("the last line has no line end: the file may be cut")
+    marked = ", decimal commas" if form.table.mark == "," else ""
+    told = f"text ({lines.encoding.removesuffix('-sig')}) with {NAMED[form.table.separator]}"
+    taken = tuple(column + 1 for column in form.table.columns)
+    return Raw(points, told + marked, taken, form.choice.why, form.choice.unit, left_out, remarks)
 
-    first_line: int  # line of the first point, counted from 1
-    separator: str | None  # None: blanks
-    columns: tuple[int, int, int]  # of x, y, z, counted from 0
-    count: int | None  # points promised by the line in front, if there is one
+
+def _announced(counts: Sequence[tuple[int, int, int]], total: int) -> list[str]:
+    """Sentences on the counts in front of blocks of points."""
+    starts = [before for _, _, before in counts[1:]] + [total]
+    wrong = [
+        f"line {line} announces {count} points, {end - before} follow"
+        for (line, count, before), end in zip(counts, starts, strict=False)
+        if end - before != count
+    ]
+    return ([f"{len(counts)} blocks"] if len(counts) > 1 else []) + wrong[:3]
 
 
-def read_text(path: Path) -> np.ndarray:
-    """Points (n, 3) of a text file, read fast, or line by line where that fails.
+class _Form:
+    """Form of a text file, found in its head.
 
-    A file that cannot be read so is bad, and reading its lines finds where.
+    first : line of the first row, counted from 1
+    count : line and number of points announced in front of them, None without
     """
-    layout = _find_layout(path)
-    try:
-        frame = pd.read_csv(
-            path,
-            sep=r"\s+" if layout.separator is None else layout.separator,
-            header=None,
-            skiprows=layout.first_line - 1,
-            usecols=sorted(layout.columns),
-            dtype=np.float64,
-            comment="#",
-            quoting=csv.QUOTE_NONE,  # else a lone " in a heading swallows the lines after it
-            encoding="utf-8",
-            encoding_errors="replace",
-        )
-        points = frame.loc[:, list(layout.columns)].to_numpy()
-    except ValueError:  # a row that is no row of numbers, or a comment pandas does not know
-        points = None
-    if points is None or not np.all(np.isfinite(points)):
-        points = _read_lines(path, layout)
-    if layout.count is not None and layout.count != len(points):
-        raise ValueError(
-            f"{path}: expected the {layout.count} points announced in front of them, "
-            f"found {len(points)}"
-        )
-    return np.ascontiguousarray(points)
 
+    def __init__(self, first: int, table: Table, choice: Choice, count, remarks):
+        self.first, self.table, self.choice = first, table, choice
+        self.count, self.remarks = count, remarks
 
-def _read_lines(path: Path, layout: _Layout) -> np.ndarray:
-    """Read the points line by line; the first bad line raises."""
-    points = []
-    for number, line in _lines(path):
-        if number < layout.first_line:
-            continue
-        cells = _cells(line, layout.separator)
-        try:
-            point = [float(cells[column]) for column in layout.columns]
-        except (ValueError, IndexError):
-            point = [math.nan]
-        if not all(map(math.isfinite, point)):
-            columns = ", ".join(str(column + 1) for column in layout.columns)
+    @classmethod
+    def of(cls, head: str, columns: tuple[int, ...] | None, blocks: bool) -> _Form:
+        """Find the form in the head of a file."""
+        comments, lines = _sample(head)
+        separator, rows = _separated(lines)
+        split = [(number, line, cells_of(line, separator)) for number, line in lines]
+        width = Counter(len(row) for row in rows).most_common(1)[0][0]
+        first = next(i for i, (_, _, c) in enumerate(split) if len(c) == width and _is_row(c))
+        count, preamble = _preamble(split[:first], blocks)
+        body = [cells for _, _, cells in split[first:] if len(cells) == width and _is_row(cells)]
+        mark = _decimal_mark(body, separator)
+        fitting = [cells_of(line, s) for line in preamble for s in {separator, *_own(line)}]
+        fitting = [names for names in fitting if len(names) == width]
+        spoken = [c for line in comments if len(c := cells_of(line, separator)) == width]
+        choice = _choice(columns, fitting, spoken, preamble, body, separator, mark)
+        table = Table(separator, mark, width, choice.columns)
+        table = replace(table, decimals=tuple(_decimals(body, i) for i in choice.columns))
+        if mark == "," and all(
+            re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", row[i]) for row in body for i in choice.columns
+        ):
             raise ValueError(
-                f"{path}: line {number}: expected finite numbers x, y, z in columns {columns}, "
-                f"got {_shortened(line)}"
+                "the commas may be decimal commas or thousands marks; write the numbers with a "
+                f"point or with other than three decimals: {show(body[0])}"
             )
-        points.append(point)
-    return np.array(points)
+        remarks = []
+        names = [axis_and_unit(cell)[0] for cell in fitting[0]] if fitting else []
+        if {"x", "y"} <= set(names) and names.index("y") < names.index("x"):
+            remarks.append("the heading has y before x: a frame with x to the north is left-handed")
+        return cls(split[first][0], table, choice, count, remarks)
+
+    def rows(self, text: str, number: int, blocks: bool, unfinished: bool):
+        """Read rows line by line: points (n, 3), and the counts of blocks among them.
+
+        Raises ``ValueError`` for the first line that is no row of the table.
+        """
+        points: list[tuple[float, ...]] = []
+        counts = []
+        table = self.table
+        lines = text.split("\n")
+        for i, line in enumerate(lines):
+            line = _bare(line)
+            if not line:
+                continue
+            cells = cells_of(line, table.separator)
+            if blocks and len(cells) == 1 and cells[0].isdecimal():
+                counts.append((number + i, int(cells[0]), len(points)))
+                continue
+            point = table.point(cells)
+            if point is None:
+                taken = ", ".join(str(column + 1) for column in table.columns)
+                raise ValueError(
+                    f"line {number + i}: expected finite numbers x, y, z in columns {taken} of "
+                    f"{table.width}, got {shortened(line)}"
+                )
+            if unfinished and i == len(lines) - 1 and self._cut(cells):
+                raise ValueError(f"line {number + i}: the file is cut in {shortened(line)}")
+            points.append(point)
+        return np.array(points, dtype=np.float64).reshape(-1, 3), counts
+
+    def _cut(self, cells: Sequence[str]) -> bool:
+        """Tell whether a last line without its end lacks cells or decimals that all others have."""
+        if len(cells) < self.table.width:
+            return True
+        return any(
+            decimals is not None and column == len(cells) - 1 and places(cells[column]) != decimals
+            for column, decimals in zip(self.table.columns, self.table.decimals, strict=True)
+        )
 
 
-def _find_layout(path: Path) -> _Layout:
-    """Find the layout of a text file in the lines before its first point."""
-    count: int | None = None
-    headings, comments = [], []
-    for number, line in _lines(path, comments=True):
-        words = re.split(r"[;,\s]+", line)
-        if line.startswith(COMMENTS):
-            comments.append(line.lstrip("#/ \t"))
-        elif not any(map(_is_number, words)):
-            headings.append(line)
-        elif len(words) == 1 and line.isdecimal():
-            count = int(line)
+def _bare(line: str) -> str:
+    """Line without comment and blanks around it."""
+    return re.split("#|//", line, maxsplit=1)[0].strip()
+
+
+def _sample(head: str) -> tuple[list[str], list[tuple[int, str]]]:
+    """Comments and the first lines that hold something, with their numbers."""
+    comments: list[str] = []
+    lines: list[tuple[int, str]] = []
+    for number, line in enumerate(head.split("\n"), start=1):
+        if line.lstrip().startswith(("#", "//")):
+            comments.append(line.strip().lstrip("#/ \t"))
+        elif bare := _bare(line):
+            lines.append((number, bare))
+        if len(lines) >= SAMPLE:
+            break
+    return comments, lines
+
+
+def _is_row(cells: Sequence[str]) -> bool:
+    return sum(map(is_number, cells)) >= 3
+
+
+def _separated(lines: Sequence[tuple[int, str]]) -> tuple[str | None, list[list[str]]]:
+    """Separator that most lines have, and the rows that it gives."""
+    for separator in SEPARATORS:
+        rows = [cells for _, line in lines if _is_row(cells := cells_of(line, separator))]
+        if rows and 2 * len(rows) >= sum(bool(re.search(r"\d", line)) for _, line in lines):
+            return separator, rows
+    first = f"line {lines[0][0]}: " if lines else ""
+    told = f", the first is {shortened(lines[0][1])}" if lines else ""
+    raise ValueError(
+        f"{first}expected lines of three numbers x, y, z without thousands marks, found none{told}"
+    )
+
+
+def _own(line: str) -> list[str | None]:
+    """Separator of a heading where it differs from that of the rows."""
+    return [next((mark for mark in ";\t," if mark in line), None)]
+
+
+def _preamble(lines, blocks: bool) -> tuple[tuple[int, int] | None, list[str]]:
+    """Count and headings in the lines before the first row, which may be nothing else."""
+    count = None
+    headings = []
+    for number, line, cells in lines:
+        if cells[0].lower() in OTHERS:
+            raise ValueError(f"line {number}: expected rows x y z, got another format: {line!r}")
+        if len(cells) == 1 and cells[0].isdecimal() and count is None:
+            count = (number, int(cells[0]))
+        elif line.lstrip("\"'[(")[:1].isalpha():
+            headings.append(re.sub(r"\s+(?=[\[(])", "", line))
         else:
-            separator = _separator(line)
-            names = [_names(heading, separator) for heading in headings]
-            # A comment may be prose; it is a heading only if it fits the columns.
-            width = len(_cells(line, separator))
-            names += [n for c in comments if len(n := _names(c, separator)) == width]
-            named = [n for n in names if {"x", "y", "z"} <= set(n)]
-            columns = (0, 1, 2)
-            if named:
-                columns = (named[0].index("x"), named[0].index("y"), named[0].index("z"))
-            return _Layout(number, separator, columns, count)
-    raise ValueError(f"{path}: expected lines of three numbers x, y, z, found none")
+            raise ValueError(
+                f"line {number}: expected a heading or three numbers x, y, z, got {shortened(line)}"
+            )
+    return count, headings
 
 
-def _lines(path: Path, comments: bool = False) -> Iterator[tuple[int, str]]:
-    """Give line number and content of the lines that hold something besides comments."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            if not (comments and line.lstrip().startswith(COMMENTS)):
-                line = re.split("#|//", line, maxsplit=1)[0]
-            if line.strip():
-                yield number, line.strip()
+def _decimal_mark(rows: Sequence[Sequence[str]], separator: str | None) -> str:
+    """Decimal mark of the numbers in the rows; raises where both marks stand in them."""
+    numbers = "".join(cell for row in rows for cell in row if is_number(cell))
+    if "," in numbers and "." in numbers:
+        raise ValueError(f"decimal points and decimal commas in one table: {show(rows[0])}")
+    return "," if "," in numbers else "."
 
 
-def _separator(line: str) -> str | None:
-    """Return what separates the cells of a line: semicolon, comma, tab or None for blanks."""
-    for mark in ";,":
-        if mark in line:
-            return mark
-    # Tabs among blanks are blanks; tabs alone can stand for an empty cell between them.
-    return "\t" if "\t" in line and " " not in line else None
+def _decimals(rows: Sequence[Sequence[str]], column: int) -> int | None:
+    """Number of decimals in a column where it is the same in all rows that have any."""
+    found = {places(row[column]) for row in rows if re.search("[.,]", row[column])}
+    return found.pop() if len(found) == 1 and len(rows) > 2 else None
 
 
-def _cells(line: str, separator: str | None) -> list[str]:
-    """Split a line into cells without blanks and quotes around them."""
-    return [cell.strip(" \t\"'") for cell in line.split(separator)]
-
-
-def _names(heading: str, separator: str | None) -> list[str]:
-    """Split a heading into names in lower case without units: "X [m]; Y [m]" -> x, y."""
-    heading = re.sub(r"\s*[\[(].*?[\])]", "", heading.lower())
-    if separator is None or separator not in heading:
-        separator = _separator(heading)
-    return [re.sub(r"[_/]m$", "", cell) for cell in _cells(heading, separator)]
-
-
-def _is_number(cell: str) -> bool:
-    """Tell whether a cell reads as a number, NaN and infinity included."""
+def _choice(columns, fitting, spoken, preamble, rows, separator, mark) -> Choice:
+    """Choose the columns: as told, by a heading, by a comment, or without any."""
+    width = len(rows[0])
     try:
-        float(cell.strip("\"'"))
-    except ValueError:
-        return False
-    return True
+        named = next(
+            (c for n in [*fitting, *spoken] if not any(map(is_unit, n)) and (c := by_heading(n))),
+            None,
+        )
+    except ValueError as error:
+        if columns is None:
+            raise ask(f"{error}; the first row is {show(rows[0])}") from None
+        named = None
+    stated = {n[i].lower() for n in fitting if all(map(is_unit, n)) for i in range(width)}
+    unit = named.unit if named else None
+    unit = unit or (stated.pop() if len(stated) == 1 else None)
+    if columns is not None:
+        if len(set(columns)) != 3 or not all(1 <= column <= width for column in columns):
+            raise ValueError(
+                f"expected three columns of 1 to {width}, got {shown(columns)}: {show(rows[0])}"
+            )
+        a, b, c = (column - 1 for column in columns)
+        return Choice((a, b, c), "given", unit)
+    if named:
+        return replace(named, unit=unit)
+    unknown = [names for names in fitting if not all(map(is_unit, names))]
+    unknown += [line.split() for line in preamble if _names_axes(line)]
+    if unknown:
+        raise ask(
+            f"the heading {show(unknown[-1])} does not say which of {width} columns are x, y, z; "
+            f"the first row is {show(rows[0])}"
+        )
+    try:
+        return replace(without_heading(rows, separator, mark), unit=unit)
+    except ValueError as error:
+        raise ask(str(error)) from None
 
 
-def _shortened(line: str) -> str:
-    """Return a line short enough for a message."""
-    return repr(line if len(line) <= 60 else line[:60] + "…")
+def _names_axes(line: str) -> bool:
+    """Tell whether words of a line name two axes, though it does not fit the columns."""
+    axes = {axis_and_unit(word)[0] for word in re.split(r"[;,\s]+", line) if word}
+    return len(axes - {None}) >= 2

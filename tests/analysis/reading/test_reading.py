@@ -96,22 +96,17 @@ def test_the_committed_cloud_is_read_by_the_names_of_its_columns():
         ("two columns.csv", "1,2\n3,4\n", "line 1: expected"),
         ("gap.csv", mixed_in("1.0,,3.0\n", table(",")), "line 21: expected .*'1.0,,3.0'"),
         ("tab gap.xyz", mixed_in("1.0\t\t3.0\t4.0\n", table("\t", "7")), "line 21: expected"),
-        ("nan.xyz", mixed_in("1.0 nan 3.0\n", table(" ")), "line 21: expected finite"),
-        ("nan first.xyz", "nan nan nan\n" + table(" "), "line 1: expected finite"),
         ("inf.csv", mixed_in("1.0,2.0,-inf\n", table(",")), "line 21: expected finite"),
         ("NA.csv", mixed_in("1.0,NA,3.0\n", table(",")), "line 21: expected finite"),
         ("after comment.xyz", "# a\n\nx y z\n1 2 3\n1 2 three\n", "line 5: expected"),
         ("named.csv", "i,x,y,z\n1,2,3,4\n2,3,4\n", "line 3: expected .*columns 2, 3, 4"),
-        ("decimal comma.xyz", "1,5 2,5 3,5\n", "line 1: expected"),
         ("other separator.csv", mixed_in("1.0;2.0;3.0\n", table(",")), "line 21: expected"),
-        ("cut short.pts", "41\n" + table(" "), "expected the 41 points announced .* found 40"),
-        ("second scan.pts", "40\n" + table(" ") + "40\n" + table(" "), "line 42: expected"),
         ("empty.xyz", "", "the file is empty"),
         ("blank.xyz", "\n  \n", "found none"),
         ("comments.xyz", "# x y z\n// none\n", "found none"),
         ("heading.csv", "x,y,z\n", "found none"),
         ("count.pts", "500\n", "found none"),
-        ("noise.txt", "\x00\x01\x02\ufffd", "found none"),
+        ("noise.txt", "\x00\x01\x02\ufffd", "expected text"),
     ],
 )
 def test_bad_content_is_one_line_with_file_and_expectation(tmp_path, name, content, message):
@@ -143,7 +138,6 @@ def test_a_missing_file_and_an_unknown_format(tmp_path):
     [
         (".las", "laspy", "laspy[lazrs]"),
         (".laz", "laspy", "laspy[lazrs]"),
-        (".ply", "trimesh", "trimesh"),
         (".e57", "pye57", "pye57"),
     ],
 )
@@ -173,7 +167,6 @@ def test_las(tmp_path, suffix):
 
 
 def test_ply_keeps_points_at_the_same_place(tmp_path):
-    pytest.importorskip("trimesh", reason="trimesh is an optional extra")
     points = np.concatenate([POINTS, POINTS[:3]])
     head = "ply\nformat ascii 1.0\n" + f"element vertex {len(points)}\n"
     head += "".join(f"property double {axis}\n" for axis in "xyz")
@@ -201,11 +194,15 @@ def test_e57_scans_are_put_in_one_frame(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "library"), [(".las", "laspy"), (".ply", "trimesh"), (".e57", "pye57")]
+    ("suffix", "library"),
+    [(".las", "laspy"), (".e57", "pye57"), (".ply", None), (".pcd", None), (".ptx", None)],
 )
 def test_a_broken_binary_file(tmp_path, suffix, library):
-    pytest.importorskip(library, reason=f"{library} is an optional extra")
+    if library:
+        pytest.importorskip(library, reason=f"{library} is an optional extra")
     path = tmp_path / f"scan{suffix}"
     path.write_bytes(b"this is no scan at all, only words\n" * 50)
-    with pytest.raises(ValueError, match=f"expected a readable {suffix} file"):
+    with pytest.raises(
+        ValueError, match=f"expected (a readable|the header of a) {suffix} (file|scan)"
+    ):
         read_points(path)
