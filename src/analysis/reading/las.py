@@ -56,7 +56,10 @@ def _checked(path: Path) -> int:
             raise ValueError(f"the header claims {extensions} records beyond the end of the file")
     if not header + 54 * records <= offset <= size:
         raise ValueError(f"the header claims {records} records and points from byte {offset} on")
-    if not form & 0xC0 and offset + length * count > size:
+    # Waveforms and extended records may follow the points, nothing else.
+    more = head[6] & 2 or head[25] >= 4 and extensions
+    end = offset + length * count
+    if not form & 0xC0 and (end > size or end < size and not more):
         raise ValueError(
             f"the header claims {count} points of {length} bytes, {size - offset} bytes follow"
         )

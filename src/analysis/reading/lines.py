@@ -86,11 +86,15 @@ class Lines:
         head = self.file.read(HEAD)
         self.encoding = encoding_of(head)
         rest, following = head, 1
-        decoding = codecs.getincrementaldecoder(self.encoding)(errors="replace")
+        # A lost byte shifts all of a UTF-16 text; elsewhere a strange letter harms no number.
+        errors = "strict" if "16" in self.encoding else "replace"
+        decoding = codecs.getincrementaldecoder(self.encoding)(errors=errors)
         decoder = io.IncrementalNewlineDecoder(decoding, translate=True)
         kept = ""
         while True:
             text = kept + decoder.decode(rest, final=not rest)
+            if "\0" in text:
+                raise ValueError(f"from line {following} on: expected text, got NUL bytes")
             end = text.rfind("\n") + 1
             if not end and len(text) >= HEAD // 4 and rest:
                 raise ValueError(f"line {following}: expected a line of text, got one without end")

@@ -26,22 +26,22 @@ ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 def read_ply(path: Path) -> Raw:
     """Read the vertices of a .ply file, which must be its first element."""
     with opened(path) as file:
-        form, count, fields = _header(file)
+        form, count, fields, more = _header(file)
         left = path.stat().st_size - file.tell()
         if form == "ascii":
             columns = tuple(list(fields).index(axis) for axis in "xyz")
-            points = read_rows(file, columns, len(fields), count, left)  # type: ignore[arg-type]
+            points = read_rows(file, columns, len(fields), count, left, more)  # type: ignore[arg-type]
         else:
             typed = {name: ORDERS[form] + code for name, code in fields.items()}
-            points = read_records(file, typed, count, left)
+            points = read_records(file, typed, count, left, more)
     left_out: Counter[str] = Counter()
     points = without_missing(points, left_out)
     single = [SINGLE] if "f4" in {fields[axis] for axis in "xyz"} else []
     return Raw(points, f"ply ({form})", left_out=left_out, remarks=single)
 
 
-def _header(file: IO[bytes]) -> tuple[str, int, dict[str, str]]:
-    """Format, number of vertices and numpy's code of the type of each of their properties."""
+def _header(file: IO[bytes]) -> tuple[str, int, dict[str, str], bool]:
+    """Format, number of vertices, numpy's code of each property, whether more elements follow."""
     form, count, fields, elements = "", 0, {}, 0
     for number in range(1000):
         words = file.readline(1 << 12).decode("latin-1").split()
@@ -64,7 +64,7 @@ def _header(file: IO[bytes]) -> tuple[str, int, dict[str, str]]:
             case ["comment" | "obj_info", *_] if number:
                 pass
             case ["end_header"] if form and set("xyz") <= set(fields):
-                return form, count, fields
+                return form, count, fields, elements > 1
             case _:
                 break
     raise ValueError(f"expected the header of a .ply file with vertices x y z, got {words[:4]!r}")

@@ -12,7 +12,9 @@ from .lines import Table, shortened
 PART = 1 << 20  # records
 
 
-def read_records(file: IO[bytes], fields: Mapping[str, str], count: int, left: int) -> np.ndarray:
+def read_records(
+    file: IO[bytes], fields: Mapping[str, str], count: int, left: int, more: bool = False
+) -> np.ndarray:
     """Read x, y, z (count, 3) from records.
 
     Parameters
@@ -20,13 +22,15 @@ def read_records(file: IO[bytes], fields: Mapping[str, str], count: int, left: i
     file : at the first record
     fields : numpy's code of the type of each field, in order
     count, left : number of records claimed, and of bytes that are there
+    more : whether something may follow the records
 
     Raises
     ------
-    ValueError : the file is shorter than claimed.
+    ValueError : the file is shorter than claimed, or longer.
     """
     record = np.dtype([(name, code) for name, code in fields.items()])
-    if count < 1 or count * record.itemsize > left:
+    size = count * record.itemsize
+    if count < 1 or size > left or size < left and not more:
         raise ValueError(
             f"the header claims {count} points of {record.itemsize} bytes, {left} bytes follow"
         )
@@ -40,11 +44,16 @@ def read_records(file: IO[bytes], fields: Mapping[str, str], count: int, left: i
 
 
 def read_rows(
-    file: IO[bytes], columns: tuple[int, int, int], width: int, count: int, left: int
+    file: IO[bytes],
+    columns: tuple[int, int, int],
+    width: int,
+    count: int,
+    left: int,
+    more: bool = False,
 ) -> np.ndarray:
-    """Read x, y, z (count, 3) from lines of ``width`` cells; what follows them is not read.
+    """Read x, y, z (count, 3) from lines of ``width`` cells.
 
-    Raises ``ValueError`` where a line is missing, cut or no row.
+    Raises ``ValueError`` where a line is missing, cut or no row, or lines follow without ``more``.
     """
     if count < 1 or count * 2 * width > left:
         raise ValueError(f"the header claims {count} points, {left} bytes follow")
@@ -59,6 +68,8 @@ def read_rows(
         if numbers is None or len(numbers) != len(lines):
             numbers = np.array([_point(table, i, line) for i, line in enumerate(lines, start + 1)])
         parts.append(numbers)
+    if not more and file.read(1 << 16).strip():
+        raise ValueError(f"the header claims {count} points, the file holds more")
     return np.concatenate(parts)
 
 

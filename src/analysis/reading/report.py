@@ -28,6 +28,7 @@ NO_NUMBER, ZERO, NOISE, WITHHELD, INVALID = (
 )
 SINGLE = "the file holds single precision (7 digits)"
 WIDE = 1000.0  # m; a scan that is wider may be in mm
+FAR = 1e8  # m; no coordinate on the Earth is larger
 
 
 @dataclass
@@ -125,9 +126,14 @@ def finished(raw: Raw, unit: str | None) -> Scan:
     if denominator != 1.0:
         points /= denominator
     remarks = list(raw.remarks)
+    if (largest := float(np.max(np.abs(points)))) > FAR:
+        raise ValueError(
+            f"expected coordinates below {FAR:.0e} m, got {largest:.4g}; if the unit "
+            "is another, say which (unit mm)"
+        )
     extent = float(np.max(np.max(points, axis=0) - np.min(points, axis=0)))
     if unit is None and raw.unit is None and extent > WIDE:
-        remarks.append(f"the points spread over {extent:.0f} m; if the file is in mm, say unit mm")
+        remarks.append(f"the points spread over {extent:.4g} m; if the file is in mm, say unit mm")
     source = "given" if unit else "heading" if raw.unit else "assumed"
     report = Report(
         raw.format,
