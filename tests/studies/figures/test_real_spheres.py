@@ -59,7 +59,7 @@ def test_section(table):
 def test_errors(table):
     peer = table.iloc[:1].assign(method="scipy cauchy", sd_center_mm=np.nan, center_error_mm=3.0)
     table = pd.concat([table, peer])
-    figures.errors(table, 0.4, "05_test_errors")
+    figures.errors(table, "05_test_errors")
     figure = pyplot.gcf()
     assert_same(
         exported("05_test_errors"),
