@@ -81,11 +81,18 @@ class Adjustment:
 
     def replaced(self, where: np.ndarray, by: Adjustment) -> Adjustment:
         """This one with other solutions for the clouds (B,) of a mask."""
-        for name in ("x", "cofactor", "sigma", "weights"):
-            getattr(self, name)[where] = getattr(by, name)
-        for name, values in vars(self.convergence).items():
-            values[where] = getattr(by.convergence, name)
-        return self
+
+        def filled(name: str, ours: Any, theirs: Any) -> np.ndarray:
+            new = getattr(ours, name).copy()
+            new[where] = getattr(theirs, name)
+            return new
+
+        ours, theirs = self.convergence, by.convergence
+        ended = {name: filled(name, ours, theirs) for name in vars(ours)}
+        arrays: dict[str, Any] = {
+            name: filled(name, self, by) for name in ("x", "cofactor", "sigma", "weights")
+        }
+        return replace(self, **arrays, convergence=Convergence(**ended))
 
 
 class FittedSurface(NamedTuple):

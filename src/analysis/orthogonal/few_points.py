@@ -38,15 +38,13 @@ from ..adjustment.weights import EFFICIENT_THRESHOLDS, WeightFunction
 from ..result import Adjustment, Array
 from .cloud import ROUNDING
 from .contracts import GeometricModel, Start
-from .gauss_helmert import STALLED, TOLERANCE, linearised, sum_up
+from .gauss_helmert import SMALLEST_REDUNDANCY, linearised, m_endings, sum_up
 from .least_trimmed_squares import closest, trimmed_variance
 from .observations import Observations, Points
 
 FEWEST = 3  # redundancy from which on a gross error can be told
 ENOUGH = 10  # from which on the probability of the threshold is that of the normal law
 LEVEL = EFFICIENT_THRESHOLDS[0]  # normal residual at which the two laws are matched
-SETTLED = 1e-10  # relative change of the scale
-SMALLEST = 1e-3  # redundancy of a point, when its residual is standardised
 LEAST_SHARE = 0.02  # of the sum of squares that the other points keep
 STEPS = 5  # of Gauss-Newton on the points that the start rests on
 # ln of the factor on the scale of the best half of n points, in 1/μ, 1/μ², √(t/ν₀), and for even
@@ -74,7 +72,7 @@ class _State(Stack):
     sigma: Array
     redundancy: Array
     square: Array
-    count: Array
+    count: np.ndarray
 
 
 def judge_few_points(
@@ -98,12 +96,8 @@ def judge_few_points(
         redundancy, square = _redundancy(function, z, sums.weights, n, t)
         in_use = np.where(sums.weights > 0, sums.weights, np.nan)
         found = np.sqrt(sums.squares / (square * np.where(redundancy > 0, redundancy, in_use)))
-        lost = ~np.isfinite(length + found)
-        settled = np.abs(found - state.sigma) <= np.maximum(
-            SETTLED * found, ROUNDING / np.sqrt(sums.least_variance)
-        )
-        small = settled & (length <= TOLERANCE)
-        stalled = settled & (length >= state.step) & (length <= STALLED)
+        endings = m_endings(sums, length, state.step, state.sigma, found, length)
+        lost = endings[Ending.SINGULAR]
         new = _State(
             x=np.where(lost[:, None], state.x, model.update(state.x, step)),
             step=length,
@@ -112,13 +106,9 @@ def judge_few_points(
             sigma=found,
             redundancy=redundancy,
             square=square,
-            count=state.count + 1.0,
+            count=state.count + 1,
         )
-        return new, {
-            Ending.SINGULAR: lost,
-            Ending.PARAMETERS_AND_SCALE: small,
-            Ending.ROUNDING: stalled,
-        }
+        return new, endings
 
     first = _State(
         x=x,
@@ -128,7 +118,7 @@ def judge_few_points(
         sigma=sigma,
         redundancy=np.full(len(x), np.inf),
         square=np.ones(len(x)),
-        count=np.zeros(len(x)),
+        count=np.zeros(len(x), dtype=int),
     )
     end, convergence = iterate(points, first, advance, max_iterations)
     cofactor = function.covariance_factor * end.cofactor
@@ -151,9 +141,11 @@ def _reweigh(function: WeightFunction, z: float, state: _State, weights: Array) 
     def reweigh(part: slice, squares: Array, J: Array, variances: Array):
         w = state.weights[:, part]
         q = np.maximum(np.einsum("btn,btn->bn", state.cofactor @ J, J), 0.0) / variances
-        rest = np.maximum(1.0 - w * q, SMALLEST)
+        rest = np.maximum(1.0 - w * q, SMALLEST_REDUNDANCY)
         # the scale of the others
-        free = np.where(first, np.inf, np.maximum(state.redundancy[:, None] - w, SMALLEST))
+        free = np.where(
+            first, np.inf, np.maximum(state.redundancy[:, None] - w, SMALLEST_REDUNDANCY)
+        )
         others = np.maximum(total - w * squares / rest, LEAST_SHARE * total)
         scale = others / (state.square[:, None] * np.where(first, 1.0, free))
         scale = np.maximum(scale, ROUNDING**2 / variances)

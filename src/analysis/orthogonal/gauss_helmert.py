@@ -22,12 +22,15 @@ from ..adjustment.linalg import solve
 from ..blocks import point_pieces
 from ..checks import check_whole_number
 from ..result import Adjustment, Array, Fit
+from .cloud import ROUNDING
 from .contracts import GeometricModel, SurfaceCloud
 from .observations import Observations, Points
 from .second_order import without_bias
 
 TOLERANCE = 1e-12  # of a step, in the frame's unit
 STALLED = 1e-9  # a step below this that no longer shrinks is rounding
+SETTLED = 1e-10  # relative change of a scale
+SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 
 
 def geometric(
@@ -158,6 +161,24 @@ def _bend(f: Array, J: Array, variances: Array, slope: Array) -> Array:
     ratio = variances / np.where(slope != 0.0, f, 1.0)
     K = np.concatenate([J, f[:, None], ratio[:, None]], axis=1)
     return (K * (slope / variances)[:, None]) @ K.swapaxes(-1, -2)
+
+
+def m_endings(
+    sums: Sums, step: Array, before: Array, sigma: Array, found: Array, foreseen: Array
+) -> dict[Ending, np.ndarray]:
+    """Endings (B,) of an M-estimation.
+
+    step, before, foreseen : (B,) lengths of this step, the last one, and what the next may be
+    sigma, found : (B,) scale that the residuals were standardised with, and scale of them
+    """
+    # The scale of exact points is rounding and never settles.
+    rounding = ROUNDING / np.sqrt(sums.least_variance)
+    settled = np.abs(found - sigma) <= np.maximum(SETTLED * found, rounding)
+    return {
+        Ending.SINGULAR: ~np.isfinite(step + found),
+        Ending.PARAMETERS_AND_SCALE: settled & (foreseen <= TOLERANCE),
+        Ending.ROUNDING: settled & (step >= before) & (step <= STALLED),
+    }
 
 
 def linearised(model: GeometricModel, x: Array, points: Points) -> tuple[Array, Array, Array]:

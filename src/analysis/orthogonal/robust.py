@@ -27,7 +27,7 @@ from ..result import Adjustment, Array, Fit
 from .cloud import ROUNDING
 from .contracts import GeometricModel, Start, SurfaceCloud
 from .few_points import FEWEST, judge_few_points
-from .gauss_helmert import STALLED, TOLERANCE, Sums, adjust, linearised, sum_up
+from .gauss_helmert import SMALLEST_REDUNDANCY, Sums, adjust, linearised, m_endings, sum_up
 from .observations import Observations, Points
 from .second_order import without_bias
 
@@ -36,12 +36,10 @@ FEW = 50  # redundancy up to which thresholds depend on it
 # points from which on a part of them is adjusted first: its solution is so near that all need only
 # a few passes
 LARGE = 16_384
-SETTLED = 1e-10  # relative change of the scale
 NEARLY_FOUND = 0.1  # relative change of the scale, up to which a step of Newton is tried
 # iterations after which steps are plain ones: where weights jump, others may go round
 PATIENCE = 20
 LONGEST = 2.0  # Gauss-Newton steps, up to which it is trusted
-SMALLEST_REDUNDANCY = 1e-3  # of a point, when its residual is standardised
 LEAST_RATE = 0.03  # at which steps are taken to shrink, when the next one is foreseen
 LIGHT = 1e-3  # leverage up to which it may lag
 
@@ -147,8 +145,6 @@ def _start(cloud: SurfaceCloud, part: Observations, few: Points, seed: int) -> S
             some = part[own].subsample(count, seed).all()
         # 2. as many places as points were asked for
         places = np.flatnonzero(some.different()[0])
-        if len(places) < cloud.model.degrees:
-            raise cloud.degenerate(f"points at {len(places)} different places", b)
         kept = np.random.default_rng(seed).permutation(len(places))[:SUBSET]
         starts.append(cloud.robust_start(some.D[:, places[np.sort(kept)]], seed, own))
     return Start(*map(np.concatenate, zip(*starts, strict=True)))
@@ -212,14 +208,9 @@ def m_estimate(
         cofactor, step = sums.solved()
         # 2. has it ended?
         length = np.linalg.norm(step, axis=-1)
-        lost = ~np.isfinite(length + found)
-        # The scale of exact points is rounding and never settles.
-        settled = np.abs(found - state.sigma) <= np.maximum(
-            SETTLED * found, ROUNDING / np.sqrt(sums.least_variance)
-        )
-        rate = np.clip(length / state.step, LEAST_RATE, 1.0)
-        small = settled & (rate * length <= TOLERANCE)
-        stalled = settled & (length >= state.step) & (length <= STALLED)
+        foreseen = length * np.clip(length / state.step, LEAST_RATE, 1.0)
+        endings = m_endings(sums, length, state.step, state.sigma, found, foreseen)
+        lost = endings[Ending.SINGULAR]
         # 3. step
         step, sigma = _newton(sums, function, state, found, step, length)
         new = _State(
@@ -231,11 +222,7 @@ def m_estimate(
             found=found,
             count=state.count + 1,
         )
-        return new, {
-            Ending.SINGULAR: lost,
-            Ending.PARAMETERS_AND_SCALE: small,
-            Ending.ROUNDING: stalled,
-        }
+        return new, endings
 
     count = len(x)
     start = _State(

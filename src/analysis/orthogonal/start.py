@@ -174,6 +174,21 @@ def _half_or_band(model: ElementalModel, D: Array, seed: int) -> tuple[_Candidat
     return _best_half(model, half.x[None, None], D, size, 20), True
 
 
+def least_probable(model: ElementalModel, D: Array, wide: Array) -> tuple[Array, float]:
+    """The least probable surface x (s,) of one round of samples of one cloud, and its L.
+
+    D (1, n, dim) stands in an order in which neighbours follow one another; wide (1,) is up to
+    where the background is even. It need not be determined by its points.
+    """
+    n, m = D.shape[1], model.sample
+    x = model.minimal_fit(D[:, _samples(n, m, 0, 0)])
+    ordered = sorted_distances(model, x, D[:, _screen(n, 0)], np.float32)
+    least, _ = least_log_nfa(ordered, m, wide[:, None])
+    x, least, _, _ = _refined(model, _least(x, least, None), D, wide, 3)
+    best = int(np.argmin(least))
+    return x[0, best], float(least[0, best])
+
+
 def _least(x: Array, cost: Array, best: _Candidate | None) -> Array:
     """The `KEPT` surfaces of x (1, S, s) with the least cost (1, S), and the best one before."""
     kept = x[:, np.argsort(cost[0])[:KEPT]]
@@ -194,9 +209,25 @@ def _best_half(model: ElementalModel, x: Array, D: Array, size: Array, steps: in
 
 
 def _best_band(model: ElementalModel, x: Array, D: Array, wide: Array, steps: int) -> _Candidate:
-    """The best of the surfaces x (1, K, s) by its band, refitted to its points.
+    """The best of the surfaces x (1, K, s) by its band; determined surfaces come first."""
+    x, least, k, width = _refined(model, x, D, wide, steps)
+    many = np.broadcast_to(D, (x.shape[1],) + D.shape[1:])
+    determined = _determined(model[np.zeros(x.shape[1], dtype=int)], x[0], many, width[0])
+    speaks = determined & (least[0] < CHANCE)
+    best = int(np.lexsort([least[0], ~speaks])[0])
+    within = float(width[0, best])
+    return _Candidate(
+        x[0, best], least[0, best], int(k[0, best]), within, 0.5 * within, bool(determined[best])
+    )
 
-    Again and again, as long as that makes it less probable. Determined surfaces come first.
+
+def _refined(
+    model: ElementalModel, x: Array, D: Array, wide: Array, steps: int
+) -> tuple[Array, Array, np.ndarray, Array]:
+    """Surfaces x (1, K, s) refitted to the points of their bands.
+
+    Again and again, as long as that makes a band less probable. Returns x, L (1, K), the number of
+    points in each band and its half-width.
     """
     m = model.sample
     d = absolute_distances(model, x, D)
@@ -204,7 +235,7 @@ def _best_band(model: ElementalModel, x: Array, D: Array, wide: Array, steps: in
     least, k = least_log_nfa(ordered, m, wide[:, None])
     width = _at(ordered, k)
     for _ in range(steps):
-        new = model.refit(x, D, (d <= width).astype(float))
+        new = model.refit(x, D, (d <= width[..., None]).astype(float))
         theirs = absolute_distances(model, new, D)
         ordered = np.sort(theirs, axis=-1)
         now, number = least_log_nfa(ordered, m, wide[:, None])
@@ -212,22 +243,14 @@ def _best_band(model: ElementalModel, x: Array, D: Array, wide: Array, steps: in
         if not better.any():
             break
         least, k = np.where(better, now, least), np.where(better, number, k)
-        better = better[..., None]
-        x, d = np.where(better, new, x), np.where(better, theirs, d)
         width = np.where(better, _at(ordered, number), width)
-    many = np.broadcast_to(D, (x.shape[1],) + D.shape[1:])
-    determined = _determined(model[np.zeros(x.shape[1], dtype=int)], x[0], many, width[0, :, 0])
-    speaks = determined & (least[0] < CHANCE)
-    best = int(np.lexsort([least[0], ~speaks])[0])
-    width = width[0, best, 0]
-    return _Candidate(
-        x[0, best], least[0, best], int(k[0, best]), width, 0.5 * width, bool(determined[best])
-    )
+        x, d = np.where(better[..., None], new, x), np.where(better[..., None], theirs, d)
+    return x, least, k, width
 
 
 def _at(ordered: Array, k: np.ndarray) -> Array:
-    """The k-th (B, K) smallest distance, (B, K, 1)."""
-    return np.take_along_axis(ordered, k[..., None] - 1, axis=-1)
+    """The k-th smallest distances, (B, K)."""
+    return np.take_along_axis(ordered, k[..., None] - 1, axis=-1)[..., 0]
 
 
 def _determined(model: ElementalModel, x: Array, D: Array, width: Array) -> np.ndarray:

@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..adjustment.linalg import solve
 from ..orthogonal.improbability import least_log_nfa, spread
+from ..orthogonal.least_trimmed_squares import absolute_distances, sorted_distances
+from ..orthogonal.start import least_probable
 from ..result import Array
 from .check import Check, at_most
 from .examined import Examined
 
-SAMPLES = 100
-SCREENED = 160  # points by which samples are compared
-BEST = 5  # samples that are refined
-STEPS = 3
 POINTS = 1000  # that are looked at
 OFF = 4.0  # σ from where a point is not on the surface
 MANY_OFF = 0.15  # of the points
@@ -42,11 +39,10 @@ def other(e: Examined, order: Array) -> Check:
     off = np.abs(e.distances[order]) > OFF * e.sigma
     count, value, words = np.count_nonzero(off), 0.0, ""
     if count >= max(2 * e.model.sample + 2, MANY_OFF * len(order)):
-        rest = e.D[order][off]
-        x, L = search(e.model, rest, spread(rest))
+        rest = e.D[None, order[off]]
+        x, L = least_probable(e.model, rest, spread(rest))
         if L < SIGNIFICANT and np.abs(x).max() < LARGEST:
-            d = e.model.distances(x[None, None], rest[None])[0, 0]
-            on = np.count_nonzero(np.abs(d) < OFF * e.sigma)
+            on = np.count_nonzero(absolute_distances(e.model, x[None, None], rest) < OFF * e.sigma)
             value = float(on / np.maximum(len(order) - count, 1))
             words = _in_words(e, x)
     return at_most(
@@ -69,9 +65,9 @@ def rival(e: Examined, order: Array) -> Check:
     off = np.count_nonzero(own > OFF * e.sigma)
     if off >= MANY_OFF * n or own[n // 2] > NARROW * e.spread:
         _, k = least_log_nfa(own, m, e.spread)
-        x, _ = search(e.model, D, own[k - 1])
+        x, _ = least_probable(e.model, D[None], own[k - 1 : k])
         if np.isfinite(x).all():
-            theirs = np.sort(np.abs(e.model.distances(x[None, None], D[None])[0, 0]))
+            theirs = sorted_distances(e.model, x[None, None], D[None])[0, 0]
             k = np.minimum(np.maximum((np.array(SHARES) * n).astype(int), 2 * m + 2), n)
             same = np.searchsorted(own, theirs[k - 1], side="right")
             value = max(0.0, float(np.max((k - m - same) / np.sqrt(same + 1.0))))
@@ -84,51 +80,6 @@ def rival(e: Examined, order: Array) -> Check:
         f"Another surface has more points as close: {words}; the one found is not the best, "
         "cut the scan down to the object.",
     )
-
-
-def search(model, D: Array, scale) -> tuple[Array, float]:
-    """The least probable band around a surface through a sample of D (n, dim), and its ln NFA.
-
-    D is in the order along a curve, so that samples with short steps are local.
-    """
-    rng = np.random.default_rng(0)
-    n, m = len(D), model.sample
-    samples = np.concatenate([_samples(rng, n, m, reach) for reach in (n, max(n // 8, 2 * m))])
-    x = model.minimal_fit(D[samples][None])[0]
-    some = D[:: max(1, n // SCREENED)]
-    L = _judged(model, x, some, scale)[0]
-    x = x[np.argsort(L)[:BEST]]
-    L, d, k = _judged(model, x, D, scale)
-    for _ in range(STEPS):
-        width = np.sort(d, axis=-1)[np.arange(len(x)), k - 1]
-        band = (d <= width[:, None]).astype(float)
-        f, J = model.linearised(x, np.broadcast_to(D, (len(x), *D.shape)))
-        weighed = J * band[:, None]
-        step = -solve(weighed @ J.swapaxes(-1, -2), weighed @ f[..., None])[..., 0]
-        new = model.update(x, step)
-        new_L, new_d, new_k = _judged(model, new, D, scale)
-        better = new_L < L
-        if not better.any():
-            break
-        x, L = np.where(better[:, None], new, x), np.where(better, new_L, L)
-        d, k = np.where(better[:, None], new_d, d), np.where(better, new_k, k)
-    best = np.argmin(L)
-    return x[best], float(L[best])
-
-
-def _samples(rng: np.random.Generator, n: int, m: int, reach: int) -> np.ndarray:
-    """(SAMPLES/2, m) different places below n, with steps of at most reach/m."""
-    steps = 1 + rng.integers(max(reach // m, 1), size=(SAMPLES // 2, m))
-    return (rng.integers(n, size=(SAMPLES // 2, 1)) + np.cumsum(steps, axis=-1)) % n
-
-
-def _judged(model, x: Array, D: Array, scale) -> tuple[Array, Array, np.ndarray]:
-    """Of surfaces x (K, s): least ln NFA (K,), distances (K, n), and points (K,) in the band."""
-    with np.errstate(all="ignore"):
-        d = np.abs(model.distances(x[None], D[None])[0])
-    d[np.isnan(d)] = np.inf
-    L, k = least_log_nfa(np.sort(d, axis=-1), model.sample, np.full(len(x), scale))
-    return L, d, k
 
 
 def _in_words(e: Examined, x: Array) -> str:

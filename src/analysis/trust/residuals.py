@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.special import bdtr, ndtri
+from scipy.special import bdtr, ndtr, ndtri
 
 from .check import Check, at_most
 from .examined import Examined
@@ -21,8 +21,8 @@ CLIP = 2.5  # from where a residual is not normal noise; the thresholds of the d
 END = 4.0
 NEAR = 6.0  # residuals beyond are gross errors
 TAIL = 2.0, 12.0  # residuals of mixed pixels and of small steps
-QUARTILE = 0.6744897501960817  # half of a normal sample lies within
-WITHIN_CLIP = 0.9875806693484477  # share of a normal sample within CLIP
+QUARTILE = float(ndtri(0.75))  # half of a normal sample lies within
+WITHIN_CLIP = float(2.0 * ndtr(CLIP) - 1.0)  # share of a normal sample within CLIP
 LAGS = 4  # along the curve
 SMALLEST = 1e-300  # of a probability
 
