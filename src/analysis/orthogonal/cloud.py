@@ -12,6 +12,7 @@ from ..adjustment.wtls import triangular_factor
 from ..blocks import point_pieces
 from ..checks import covariance_array, weight_array
 from ..result import Adjustment, Array, Fit
+from .contracts import GeometricModel
 from .observations import Observations
 
 # distances below this, in the frame's unit, are rounding and no reason to lose weight
@@ -59,7 +60,13 @@ class Cloud:
         """
         cloud = cls(points, weights, cofactors, *frame_of(points), **own)
         cloud.require_surface()
+        cloud.require_places()
         return cloud
+
+    @property
+    def model(self) -> GeometricModel:
+        """The geometric model of the surfaces in the clouds' frames."""
+        raise NotImplementedError
 
     @property
     def count(self) -> int:
@@ -87,6 +94,17 @@ class Cloud:
                 yield block.swapaxes(-1, -2)
 
         return triangular_factor(blocks())
+
+    def require_places(self) -> None:
+        """Raise :class:`DegenerateCloud` if a cloud lies at fewer places than it has parameters."""
+        t = self.model.degrees
+        first = self.points[:, :t]
+        equal = np.all(first[:, :, None] == first[:, None], axis=-1)
+        # Where the first points lie at different places, that is enough.
+        for bad in np.flatnonzero(np.count_nonzero(equal, axis=(1, 2)) > t):
+            places = len(np.unique(self.points[bad], axis=0))
+            if places < t:
+                raise self.degenerate(f"points at {places} different places", bad)
 
     def require_surface(self) -> None:
         """Raise :class:`DegenerateCloud` if the points of a cloud determine no surface."""

@@ -141,10 +141,6 @@ class SurfaceCloud(Protocol):
         """x (B, s) from which a least-squares adjustment starts."""
         ...
 
-    def degenerate(self, got: str, index: int) -> ValueError:
-        """The error for points of a cloud that do not determine the surface."""
-        ...
-
     def robust_start(self, D: Array, seed: int, keep: slice) -> Start:
         """Surfaces near most of some points D (B, m, dim) of some of the clouds.
 

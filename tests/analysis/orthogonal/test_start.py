@@ -90,11 +90,13 @@ def test_a_heap_in_one_cloud_leaves_the_others_of_its_stack_alone():
         np.testing.assert_allclose(analysis.fit_sphere(cloud).parameters, parameters, rtol=1e-11)
 
 
-def test_too_few_places_are_refused():
-    tetrahedron = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    few = np.repeat(tetrahedron[:2], 20, axis=0)
-    with pytest.raises(ValueError, match="points: expected"):
-        analysis.fit_sphere(few)
+@pytest.mark.parametrize("method", ["geometric", "robust"])
+def test_fewer_places_than_parameters_are_refused(method):
+    """Six corners of a cube, not in a plane: too few for the seven of an elliptic cylinder."""
+    corners = np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0]), axis=-1).reshape(-1, 3)
+    heaps = np.stack([corners[np.arange(40) % 8], corners[np.arange(40) % 6]])
+    with pytest.raises(ValueError, match="6 different places in cloud 1 of the stack"):
+        analysis.fit_elliptic_cylinder(heaps, method)
 
 
 # ------------------------------------------------------------------------------ parts of it
