@@ -211,7 +211,7 @@ def test_a_fit_loads_nothing_for_pictures_studies_or_other_formats(scan, tmp_pat
     loaded = set(done.stderr.split())
     assert {"analysis", "numpy"} <= loaded
     assert not loaded & {"matplotlib", "PIL", "joblib", "IPython", "nbformat", "nbclient"}
-    assert not loaded & {"laspy", "trimesh", "pye57", "studies", "project"}
+    assert not loaded & {"laspy", "pye57", "studies", "project"}
 
 
 @pytest.fixture

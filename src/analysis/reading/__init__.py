@@ -59,6 +59,8 @@ def read_points(
 ) -> np.ndarray:
     """Read the points (n, 3) of a scan in m: :func:`read_scan` without its report.
 
+    Parameters and errors are those of :func:`read_scan`.
+
     Example
     -------
     >>> import tempfile

@@ -29,8 +29,8 @@ def read_ply(path: Path) -> Raw:
         form, count, fields, more = _header(file)
         left = path.stat().st_size - file.tell()
         if form == "ascii":
-            columns = tuple(list(fields).index(axis) for axis in "xyz")
-            points = read_rows(file, columns, len(fields), count, left, more)  # type: ignore[arg-type]
+            x, y, z = (list(fields).index(axis) for axis in "xyz")
+            points = read_rows(file, (x, y, z), len(fields), count, left, more)
         else:
             typed = {name: ORDERS[form] + code for name, code in fields.items()}
             points = read_records(file, typed, count, left, more)
