@@ -17,7 +17,7 @@ import io
 import json
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -28,6 +28,7 @@ from .reading import UNITS, Report, read_scan
 from .result import Fit, ignore_convergence_warnings
 from .surfaces.plane import PlaneFit
 from .surfaces.sphere import SphereFit
+from .trust import Check
 from .tunnel import command as tunnel
 
 
@@ -100,15 +101,16 @@ def _fit(options: argparse.Namespace) -> int:
             fit = surface.fit(points, options.method, **fixed)
     except ValueError as error:
         raise ValueError(_after(options.file, str(error))) from error
+    checks = fit.checks()
     if options.json:
-        print(json.dumps(record(fit, surface, options.file, reading), allow_nan=False))
+        print(json.dumps(record(fit, checks, surface, options.file, reading), allow_nan=False))
     else:
-        print(report(fit, surface, options.file, reading))
-    unusable = any(check.decisive and not check.passed for check in fit.checks())
+        print(report(fit, checks, surface, options.file, reading))
+    unusable = any(check.decisive and not check.passed for check in checks)
     return 1 if unusable or not fit.converged else 0
 
 
-def report(fit: Fit, surface: Surface, file: str, reading: Report) -> str:
+def report(fit: Fit, checks: Sequence[Check], surface: Surface, file: str, reading: Report) -> str:
     """The result for a reader: aligned plain text with units, a dash for what is not defined."""
     method = surface.methods[fit.method]
     rows = [
@@ -133,11 +135,11 @@ def report(fit: Fit, surface: Surface, file: str, reading: Report) -> str:
     width, indent = (max(len(row[column]) for row in rows) for column in (1, 0))
     lines = [f"{file}: {reading}", f"{method.label} ({method.citation})", ""]
     lines += [f"{name:<{indent}}  {value:>{width}}  {remark}" for name, value, remark in rows]
-    spoken = [str(check) for check in fit.checks() if not check.passed]
+    spoken = [str(check) for check in checks if not check.passed]
     return "\n".join([*lines, "", *spoken] if spoken else lines)
 
 
-def record(fit: Fit, surface: Surface, file: str, reading: Report) -> dict:
+def record(fit: Fit, checks: Sequence[Check], surface: Surface, file: str, reading: Report) -> dict:
     """The result for a program: lengths in m, nothing rounded; null for what is not defined."""
     values = {
         "file": file,
@@ -156,7 +158,7 @@ def record(fit: Fit, surface: Surface, file: str, reading: Report) -> dict:
         "iterations": fit.iterations,
         "converged": fit.converged,
         "stop_reason": fit.stop_reason,
-        "checks": [asdict(check) for check in fit.checks()],
+        "checks": [asdict(check) for check in checks],
     }
     return {name: _plain(value) for name, value in values.items()}
 

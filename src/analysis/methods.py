@@ -391,7 +391,7 @@ def _fit(
     reduce = partial(geometry.cloud.reduce, absolute=absolute, **own)
     fits = _solve(reduce, chosen, points, given, options)
     station = _known(own.get("station"))
-    kept = Given.of_stack(points, a_priori_weights, matrices, station=station)
+    kept = Given.of_stack(points, a_priori_weights, matrices, station)
     fit = join(fits, points.shape[:-2], kept)
     warn_if_not_converged(fit)
     return fit

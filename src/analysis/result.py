@@ -117,14 +117,16 @@ class Given:
     station: Array | None = None
 
     @classmethod
-    def of_stack(cls, points: Array, weights: Array | None, matrices: Array | None, **own) -> Given:
+    def of_stack(
+        cls, points: Array, weights: Array | None, matrices: Array | None, station: Array | None
+    ) -> Given:
         """From weights (B, n) and matrices (B, n, dim, dim) of the flattened stack."""
         lead = points.shape[:-2]
         if weights is not None:
             weights = weights.reshape(lead + weights.shape[1:])
         if matrices is not None:
             matrices = matrices.reshape(lead + matrices.shape[1:])
-        return cls(points, weights, matrices, **own)
+        return cls(points, weights, matrices, station)
 
     def __getitem__(self, index) -> Given:
         """Some clouds of the stack."""

@@ -115,23 +115,26 @@ class SphereModel(ElementalModel):
         return k + np.einsum("bnij,jbn->bni", points.axes, q)
 
     def refit(self, x: Array, D: Array, weights: Array) -> Array:
-        """Weighted algebraic least squares (Kåsa) from the moments of the points.
-
-        With a fixed radius one Gauss-Newton step.
-        """
-        if self.fixed_radius is None or np.isnan(x).any():
-            D = D.swapaxes(-1, -2)
-            rows = np.empty((len(D), 5, D.shape[-1]))
-            rows[:, :3] = 2.0 * D
-            rows[:, 3] = 1.0
-            rows[:, 4] = np.einsum("bin,bin->bn", D, D)
-            rows = rows[:, None]
-            N = (rows[..., :4, :] * weights[..., None, :]) @ rows.swapaxes(-1, -2)
-            return self.with_fixed(with_radius(solve(N[..., :4], N[..., 4:])[..., 0]))
+        """Weighted algebraic least squares; with a fixed radius one Gauss-Newton step."""
+        if self.fixed_radius is None:
+            return self._algebraic(D, weights)
         f, J = self.linearised(x, np.broadcast_to(D[:, None], x.shape[:2] + D.shape[1:]))
         weighed = J * weights[..., None, :]
         N, g = weighed @ J.swapaxes(-1, -2), weighed @ f[..., None]
-        return self.update(x, -solve(N, g)[..., 0])
+        new = self.update(x, -solve(N, g)[..., 0])
+        first = np.isnan(x).any(axis=-1, keepdims=True)
+        return np.where(first, self._algebraic(D, weights), new) if first.any() else new
+
+    def _algebraic(self, D: Array, weights: Array) -> Array:
+        """Least squares of ``|p|² − 2p·k − δ`` (Kåsa), from the moments of the points."""
+        D = D.swapaxes(-1, -2)
+        rows = np.empty((len(D), 5, D.shape[-1]))
+        rows[:, :3] = 2.0 * D
+        rows[:, 3] = 1.0
+        rows[:, 4] = np.einsum("bin,bin->bn", D, D)
+        rows = rows[:, None]
+        N = (rows[..., :4, :] * weights[..., None, :]) @ rows.swapaxes(-1, -2)
+        return self.with_fixed(with_radius(solve(N[..., :4], N[..., 4:])[..., 0]))
 
     def minimal_fit(self, samples: Array) -> Array:
         """Through four points; of a fixed radius the two through three points.
