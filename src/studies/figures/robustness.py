@@ -16,6 +16,8 @@ from ..robustness.redraws import share_interval
 
 STEM = "06_robustness"
 LABELS = {name: method.label for name, method in SPHERE_METHODS.items()}
+LOWEST = 80.0  # %, of coverage against the number of points; what is below is written down
+LOWER_LEFT = {"ha": "left", "va": "bottom", "fontsize": 7.5, "color": GREY}
 TWO_SIDED = 1.96  # standard errors to either side
 
 # Variants have the colour of their method. Marker, its size, line style, marker filled or not,
@@ -164,14 +166,14 @@ def breakdown(table: pd.DataFrame) -> None:
     line = {"arrowstyle": "-", "color": GREY}
     axes[2].annotate(
         "all six without\nrobust weights",
-        (2.7, 46),
-        (10, 60),
+        (3.4, 32),
+        (12, 24),
         fontsize=7.5,
         color=GREY,
         va="center",
         arrowprops=line,
     )
-    axes[0].set_xticks(range(0, 51, 10))
+    axes[0].set_xticks(range(0, round(table["gross_percent"].max()) + 1, 10))
     axes[0].set_ylabel("redraws with the centre within 10 mm / %")
     axes[0].set_ylim(-2, 102)
     headed(figure, "How many gross errors does each method bear?", handles, 3)
@@ -244,11 +246,18 @@ def coverage_against_points(table: pd.DataFrame) -> None:
     figure, axes = new(1, len(surfaces), height=3.2, sharey=True, sharex=True)
     for ax, surface in zip(axes, surfaces, strict=True):
         ax.axhline(95, color=TRUTH, linewidth=0.8)
-        for method, rows in table[table["surface"] == surface].groupby("method", sort=False):
-            bars = np.abs(rows[["low_percent", "high_percent"]].T - rows["held_percent"])
-            ax.errorbar(rows["points"], rows["held_percent"], yerr=bars, **_style(method))
+        below = []
+        groups = table[table["surface"] == surface].groupby("method", sort=False)
+        for (method, rows), beside in zip(groups, (0.95, 1.05), strict=True):
+            held, style = rows["held_percent"], _style(method) | {"markersize": 4.5}
+            bars = np.abs(rows[["low_percent", "high_percent"]].T - held)
+            ax.errorbar(rows["points"] * beside, held, yerr=bars, elinewidth=1, **style)
+            out = zip(rows["points"], held, strict=True)
+            below += [f"{n} points: {percent:.0f} %" for n, percent in out if percent < LOWEST]
+        if below:
+            ax.text(0.04, 0.03, "\n".join(["below:", *below]), **LOWER_LEFT, transform=ax.transAxes)
         ax.set_xscale("log")
-        ax.set_ylim(80, 100)
+        ax.set_ylim(LOWEST, 100)
         ax.set_title(surface)
         ax.set_xlabel("points")
     axes[0].set_ylabel("redraws that hold the truth / %")

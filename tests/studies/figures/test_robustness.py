@@ -7,7 +7,7 @@ from matplotlib import pyplot
 from analysis import SPHERE_METHODS
 from studies.figures import robustness as figures
 from studies.ou_liu_2017.clouds import sphere_redraws
-from studies.robustness import bias, breakdown, collapse, coverage, efficiency
+from studies.robustness import bias, breakdown, collapse, coverage, efficiency, number_of_points
 
 from . import exported
 
@@ -46,6 +46,19 @@ def test_bias():
                 "radius_mm"
             ].tolist(),
         )
+
+
+def test_coverage_against_points():
+    table = number_of_points.study([6, 40], 20, 1_000, 0.002, 1)
+    table.loc[1, "held_percent"] = 12.0  # below what is drawn, and written down
+    figures.coverage_against_points(table)
+    figure = pyplot.gcf()
+    assert_exported("06_robustness_coverage_points", table)
+    for ax, (_, rows) in zip(figure.axes, table.groupby("surface", sort=False), strict=True):
+        for method, of_method in rows.groupby("method"):
+            ((_, held, _),) = drawn(ax)[figures.VARIANTS[method][4]]
+            assert held == of_method["held_percent"].tolist()
+    assert "6 points: 12 %" in figure.axes[0].texts[0].get_text()
 
 
 def test_efficiency():
